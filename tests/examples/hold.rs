@@ -84,8 +84,8 @@ fn main() {
         1e9 / period_ns as f64
     );
     println!(
-        "from the command's leaving to the first slower setpoint's due time: {:.1} periods in the middle, {:.1} at 90 %, {:.1} \
-         at 99 %, {:.1} at worst; within 4: {}",
+        "from the command's leaving to the first slower setpoint's due time: {:.1} periods in the middle, \
+         {:.1} at 90 %, {:.1} at 99 %, {:.1} at worst; within 4: {}",
         periods[p50],
         periods[p90],
         periods[p99],
@@ -93,8 +93,8 @@ fn main() {
         periods.iter().filter(|&&periods| periods <= 4.0).count()
     );
     println!(
-        "from the newest setpoint when it was judged to the first slower one: {} at best, {} in the middle, {} at 90 %, {} at \
-         99 %, {} at worst",
+        "from the newest setpoint when it was judged to the first slower one: {} at best, {} in the middle, \
+         {} at 90 %, {} at 99 %, {} at worst",
         cycles[0], cycles[p50], cycles[p90], cycles[p99], cycles[last]
     );
     println!(

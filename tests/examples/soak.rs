@@ -338,13 +338,15 @@ fn soak(minutes: f64, traced: bool) {
         whole / 180.0
     );
     println!(
-        "process     resident KiB, at first and at last   KiB/min   of these its own, at first, at last   KiB/min"
+        "process     resident KiB, at first and at last   KiB/min   of these its own, at first, at \
+         last   KiB/min"
     );
     for watched in &all {
         let [first, last, slope] = watched.growth(0, whole / 3.0);
         let [own_first, own_last, own_slope] = watched.growth(1, whole / 3.0);
         println!(
-            "{:<10} {first:>14.0} {last:>14.0} {slope:>16.1} {own_first:>16.0} {own_last:>14.0} {own_slope:>14.1}",
+            "{:<10} {first:>14.0} {last:>14.0} {slope:>16.1} {own_first:>16.0} {own_last:>14.0} \
+             {own_slope:>14.1}",
             watched.name
         );
     }

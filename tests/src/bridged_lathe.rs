@@ -142,13 +142,15 @@ impl Lathe for MesaLathe {
         );
         for (unit, letter) in ["X", "Z"].iter().enumerate() {
             text += &format!(
-                "[[axis]]\nletter = \"{letter}\"\nstepgen = {unit}\nsteps_per_unit = {}\nstep_length_ns = 1000\n\
-                 step_space_ns = 1000\ndirection_setup_ns = 200\ndirection_hold_ns = 200\nzero = {}\n",
+                "[[axis]]\nletter = \"{letter}\"\nstepgen = {unit}\nsteps_per_unit = {}\n\
+                 step_length_ns = 1000\nstep_space_ns = 1000\ndirection_setup_ns = 200\n\
+                 direction_hold_ns = 200\nzero = {}\n",
                 STEPS[unit], HOME[unit]
             );
         }
-        text += "[[spindle]]\npwm = 0\nfull_rpm = 3000\nforward = { pin = 15 }\nreverse = { pin = 16 }\nencoder = 0\n\
-            counts_per_rev = 4096\norientation = { gain = 8, i_gain = 10, rpm = 60, tolerance_deg = 0.5 }\n";
+        text += "[[spindle]]\npwm = 0\nfull_rpm = 3000\nforward = { pin = 15 }\nreverse = { pin = 16 }\n\
+            encoder = 0\ncounts_per_rev = 4096\n\
+            orientation = { gain = 8, i_gain = 10, rpm = 60, tolerance_deg = 0.5 }\n";
         let board = workshop.write("board.toml", text);
         let board = board.to_str().expect("UTF-8").to_owned();
         ["mesa", "--board", &board].map(str::to_owned).to_vec()
@@ -262,8 +264,9 @@ impl Lathe for RingLathe {
         for (letter, home) in [("X", HOME[0]), ("Z", HOME[1])] {
             text += &device(letter, 0x402);
             text += &format!(
-                "[device.axis]\nletter = \"{letter}\"\nincrements_per_turn = {RESOLUTION}\nturn_mm = {LEAD_MM}\nzero = {home}\n\
-                 velocity_offset = true\ninertia_kg_m2 = 0.0003\nrated_torque_n_m = 2.4\n"
+                "[device.axis]\nletter = \"{letter}\"\nincrements_per_turn = {RESOLUTION}\n\
+                 turn_mm = {LEAD_MM}\nzero = {home}\nvelocity_offset = true\ninertia_kg_m2 = 0.0003\n\
+                 rated_torque_n_m = 2.4\n"
             );
         }
         text += &device("spindle", 0x402);

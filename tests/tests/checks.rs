@@ -301,7 +301,8 @@ fn moves_after_a_test_of_the_contact_are_checked() {
         "G38.3 Z-20 F100\no100 if [#5070 EQ 1]\nM2\no100 endif\n",
         "G38.2 Z-20 F100\no100 if [#5063 LT -15]\n(MSG, too deep)\nM30\no100 endif\n",
         // A guard with lengths, as measuring macros of LinuxCNC's forum have it.
-        "G38.3 Z-20 F100\no<far> if [#5063 LT -15]\n(ABORT, contact too low: reset G92, check T)\no<far> endif\n",
+        "G38.3 Z-20 F100\no<far> if [#5063 LT -15]\n(ABORT, contact too low: reset G92, check T)\n\
+         o<far> endif\n",
     ] {
         let text = format!("G21 G90 G94 G17\nG0 X10 Y10 Z10\n{probing}G0 Z10\nG0 X9999\nG53 G0 Y-9999\nM2\n");
         let line = 4 + probing.lines().count() as u64;

@@ -165,8 +165,8 @@ fn holds_in_whole_programs_stop_soon_and_keep_every_limit() {
                 worst.seconds
             );
             println!(
-                "{what}: {} holds, longest {:.0} ms from {:.1} mm/s (line {}); but for 15 ms {:.2} (median), {:.2} (99 %), {:.2} \
-                 (most) times the least of any path",
+                "{what}: {} holds, longest {:.0} ms from {:.1} mm/s (line {}); but for 15 ms {:.2} \
+                 (median), {:.2} (99 %), {:.2} (most) times the least of any path",
                 found.len(),
                 1e3 * worst.seconds,
                 worst.feed_mm_s,

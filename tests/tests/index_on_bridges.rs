@@ -33,8 +33,8 @@ const Y: u32 = 0b10;
 /// and what the axis goes in a lead: setpoints are that far ahead, and it must be at rest by their end.
 fn homing(edge: &str, latch_mm_s: [f64; 2]) -> String {
     format!(
-        "\n[[homing]]\naxis = \"X\"\nmethod = \"switch-index\"\nindex_edge = \"{edge}\"\ntowards = \"negative\"\n\
-         search_mm_s = 100\nlatch_mm_s = {}\nindex_mm = {}\nindex_within_mm = 8\n\
+        "\n[[homing]]\naxis = \"X\"\nmethod = \"switch-index\"\nindex_edge = \"{edge}\"\n\
+         towards = \"negative\"\nsearch_mm_s = 100\nlatch_mm_s = {}\nindex_mm = {}\nindex_within_mm = 8\n\
          [[homing]]\naxis = \"Y\"\nmethod = \"index\"\ntowards = \"positive\"\norder = 1\nlatch_mm_s = {}\n\
          index_mm = {}\nindex_within_mm = 8\n",
         latch_mm_s[0], PULSES[0], latch_mm_s[1], PULSES[1]
@@ -219,8 +219,9 @@ impl Hardware for BoardHardware {
                 String::new()
             };
             text += &format!(
-                "[[axis]]\nletter = \"{letter}\"\nencoder = {unit}\npwm = {unit}\ncounts_per_unit = {COUNTS}\n\
-                 full_velocity = 600\np_gain = 60\ni_gain = 200\ninverted = {}\n{switch}",
+                "[[axis]]\nletter = \"{letter}\"\nencoder = {unit}\npwm = {unit}\n\
+                 counts_per_unit = {COUNTS}\nfull_velocity = 600\np_gain = 60\ni_gain = 200\ninverted = {}\n\
+                 {switch}",
                 unit == 1
             );
         }

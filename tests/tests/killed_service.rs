@@ -299,7 +299,8 @@ fn cores_bridges_and_clients_that_are_killed_at_any_moment_leave_nothing_behind(
         }
         let [cores, bridges, clients] = killed;
         println!(
-            "{cores} cores, {bridges} bridges, {clients} clients killed; {disturbed} cases disturbed by the host"
+            "{cores} cores, {bridges} bridges, {clients} clients killed; {disturbed} cases disturbed by the \
+             host"
         );
         println!("drives, as shares of what they may have: {worst:?}");
         // The position loop overshoots the ramp of the brake by some percent.

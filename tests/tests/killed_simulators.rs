@@ -182,8 +182,9 @@ fn a_board_that_is_killed_in_motion_stops_the_machine_and_works_again() {
         let (axes, rest) = text.split_once("[[homing]]").expect("homing");
         let (_homing, signals) = rest.split_once("[[input]]").expect("an input");
         let text = format!(
-            "{axes}[[input]]{signals}\n[drives]\nfeedback = \"required\"\nfeedback_timeout_ms = {TIMEOUT_MS}\n[signals]\ninput_timeout_ms = 1000\n\
-             [realtime]\nmax_late_cycles = 0\n"
+            "{axes}[[input]]{signals}\n[drives]\nfeedback = \"required\"\n\
+             feedback_timeout_ms = {TIMEOUT_MS}\n[signals]\ninput_timeout_ms = 1000\n[realtime]\n\
+             max_late_cycles = 0\n"
         );
         let machine = workshop.write("router.toml", text);
         let text = changed(

@@ -203,7 +203,8 @@ fn random_commands_leave_limits_contour_and_trace_as_they_are() {
             left += u32::from(is_away(now) && !is_away(before));
         }
         println!(
-            "{accepted} of {tried} accepted, {ended} starts, {left} excursions, {} cycles, {worst:.5} mm off the circle in {seen}",
+            "{accepted} of {tried} accepted, {ended} starts, {left} excursions, {} cycles, {worst:.5} mm \
+             off the circle in {seen}",
             cycles.len()
         );
         assert!(worst < 0.0103, "{worst} mm off the circle");

@@ -121,7 +121,8 @@ fn public_numbers_name_their_unit() {
 
 #[test]
 fn a_number_without_unit_is_found() {
-    let text = "pub struct Cut {\n    pub feed: f64,\n    pub depth_mm: f64,\n}\n    pub fn go(&self, speed: f64, n: u32) {";
+    let text = "pub struct Cut {\n    pub feed: f64,\n    pub depth_mm: f64,\n\
+                }\n    pub fn go(&self, speed: f64, n: u32) {";
     let names = numbers(text);
     assert_eq!(names, ["feed", "depth_mm", "speed"]);
     let without: Vec<&str> = names.into_iter().filter(|name| is_without_unit(name)).collect();

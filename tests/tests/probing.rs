@@ -29,7 +29,8 @@ impl Shop {
         .expect("a machine file");
         let cycles = repository().join("config/probing");
         let extra = format!(
-            "\n[program]\nsubroutines = [{:?}]\nlog_folder = \"results\"\n[probe]\novertravel_mm = 2\n[signals]\ninput_timeout_ms = 2000\n",
+            "\n[program]\nsubroutines = [{:?}]\nlog_folder = \"results\"\n[probe]\novertravel_mm = 2\n\
+             [signals]\ninput_timeout_ms = 2000\n",
             cycles.display().to_string()
         );
         let machine = workshop.write(&format!("{name}-probe.toml"), text + &extra);

@@ -232,8 +232,8 @@ fn a_served_program_switches_waits_and_is_computed_again() {
             let from = bridge.heard().len();
             shop.loads(
                 &mut operator,
-                "G21 G90 F3000\nG1 X0\nM3 S1200\nM63 P0\nM67 E3 Q2.5\nG1 X5\nM5\nM66 P2 L3 Q60\nM64 P1\nG1 X[10 + #5399]\n\
-                 M66 P2 L4 Q0.2\nG1 Y[7 + #5399]\nM65 P1\nM2\n",
+                "G21 G90 F3000\nG1 X0\nM3 S1200\nM63 P0\nM67 E3 Q2.5\nG1 X5\nM5\nM66 P2 L3 Q60\nM64 P1\n\
+                 G1 X[10 + #5399]\nM66 P2 L4 Q0.2\nG1 Y[7 + #5399]\nM65 P1\nM2\n",
             );
             let job = operator.says("START").job;
             let waiting = operator.waits("the wait", |status| status.switches & switches::INPUT_WAIT != 0);
@@ -492,7 +492,8 @@ fn a_bridge_in_python_sets_outputs_when_they_are_due_and_answers_with_inputs() {
         operator.brings_up();
         shop.loads(
             &mut operator,
-            "G21 G90 F3000\nG1 X1\nM64 P1\nM66 P2 L3 Q60\nG1 X[10 + #5399]\nM65 P1\nM66 P2 L4 Q60\nG1 X[20 + #5399]\nM2\n",
+            "G21 G90 F3000\nG1 X1\nM64 P1\nM66 P2 L3 Q60\nG1 X[10 + #5399]\nM65 P1\nM66 P2 L4 Q60\n\
+             G1 X[20 + #5399]\nM2\n",
         );
         let job = operator.says("START").job;
         let ended = operator.sees_end(job);

@@ -22,7 +22,8 @@ fn machine(workshop: &Workshop, name: &str, timeout_s: f64) -> PathBuf {
     );
     let text = std::fs::read_to_string(&file).expect("the machine file");
     let spindle = format!(
-        "\n[signals]\ninput_timeout_ms = 500\n[[spindle]]\nmax_rpm = 8000\nfeedback = true\nat_speed_timeout_s = {timeout_s}\n"
+        "\n[signals]\ninput_timeout_ms = 500\n[[spindle]]\nmax_rpm = 8000\nfeedback = true\n\
+         at_speed_timeout_s = {timeout_s}\n"
     );
     workshop.write("machine.toml", text + &spindle)
 }

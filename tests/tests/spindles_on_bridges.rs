@@ -316,7 +316,8 @@ fn threads_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
         where_undisturbed(LATE, || {
             let (lathe, workshop) = (lathe(), Workshop::new());
             let program = format!(
-                "G21 G18 G90 G8\nS{rpm} M3\nG0 X15 Z5\nG76 P{pitch} Z-20 I-1 J0.4 K0.8 R1 H1\nG0 X20\nM5\nM2\n"
+                "G21 G18 G90 G8\nS{rpm} M3\nG0 X15 Z5\nG76 P{pitch} Z-20 I-1 J0.4 K0.8 R1 H1\nG0 X20\nM5\n\
+                 M2\n"
             );
             let cut = cut(&lathe, &workshop, &program, SHORT_LEAD, None);
             cut.is_done();
@@ -381,7 +382,8 @@ fn taps_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
 fn turned_to_angles(lathe: impl Fn() -> Arc<dyn Lathe>, tolerance_deg: f64) {
     where_undisturbed(LATE, || {
         let (lathe, workshop) = (lathe(), Workshop::new());
-        let program = "G21 G18 G90 G8\nS800 M3\nG4 P1.5\nM19 R90\nG4 P0.6\nM19 R250 P2\nG4 P0.6\nM4\nG4 P1\nM19 R10\nG4 P0.6\nM5\nM2\n";
+        let program = "G21 G18 G90 G8\nS800 M3\nG4 P1.5\nM19 R90\nG4 P0.6\nM19 R250 P2\nG4 P0.6\nM4\nG4 P1\n\
+                       M19 R10\nG4 P0.6\nM5\nM2\n";
         let cut = cut(&lathe, &workshop, program, LONG_LEAD, None);
         cut.is_done();
         let (trace, sights) = (cut.trace, cut.sights);

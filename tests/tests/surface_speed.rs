@@ -25,7 +25,8 @@ fn machine(workshop: &Workshop, name: &str) -> PathBuf {
     );
     let text = std::fs::read_to_string(&file).expect("the machine file");
     let spindle = format!(
-        "\n[signals]\ninput_timeout_ms = 500\n[[spindle]]\nmax_rpm = {MAX_RPM}\nfeedback = true\nat_speed_timeout_s = 20\n"
+        "\n[signals]\ninput_timeout_ms = 500\n[[spindle]]\nmax_rpm = {MAX_RPM}\nfeedback = true\n\
+         at_speed_timeout_s = 20\n"
     );
     workshop.write("machine.toml", text + &spindle)
 }

@@ -28,7 +28,8 @@ fn every_pass_of_g76_lies_in_the_same_groove() {
         unless_disturbed(|| {
             let workshop = Workshop::new();
             let program = format!(
-                "G21 G18 G90 G8\nS{rpm} M3\nG0 X15 Z5\nG76 P{pitch} Z-20 I-1 J0.4 K0.8 R1 H1\nG0 X20\nM5\nM2\n"
+                "G21 G18 G90 G8\nS{rpm} M3\nG0 X15 Z5\nG76 P{pitch} Z-20 I-1 J0.4 K0.8 R1 H1\nG0 X20\nM5\n\
+                 M2\n"
             );
             let options = ["--spindle-ripple", "2", "--spindle-delay", "2"];
             let (finished, trace) = drive(&workshop, &program, &options);
@@ -51,7 +52,8 @@ fn every_pass_of_g76_lies_in_the_same_groove() {
 fn a_thread_of_two_starts_begins_half_a_turn_later() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
-        let program = "G21 G18 G90 G8\nS600 M4\nG0 X15 Z5\nG33 Z-15 K2\nG0 X20\nG0 Z5\nG0 X15\nG33 Z-15 K2 Q180\nG0 X20\nM5\nM2\n";
+        let program = "G21 G18 G90 G8\nS600 M4\nG0 X15 Z5\nG33 Z-15 K2\nG0 X20\nG0 Z5\nG0 X15\n\
+                       G33 Z-15 K2 Q180\nG0 X20\nM5\nM2\n";
         let (finished, trace) = drive(&workshop, program, &[]);
         finished.expect_code(&[0, 3]);
         // Counter-clockwise: the angle falls while the thread goes on.
@@ -169,7 +171,8 @@ fn a_hold_in_a_pass_holds_behind_it_and_the_next_pass_meets_the_groove() {
         let _drives = Drives::start(&machine, &domain, &options);
         let program = workshop.write(
             "held.ngc",
-            "G21 G18 G90 G8\nS600 M3\nG0 X15 Z5\nG33 Z-25 K1.5\nG0 X20\nG0 Z5\nG0 X15\nG33 Z-25 K1.5\nG0 X20\nM5\nM2\n",
+            "G21 G18 G90 G8\nS600 M3\nG0 X15 Z5\nG33 Z-25 K1.5\nG0 X20\nG0 Z5\nG0 X15\nG33 Z-25 K1.5\n\
+             G0 X20\nM5\nM2\n",
         );
         let trace = workshop.path("served.mcap");
         let to = trace.display().to_string();
@@ -365,7 +368,8 @@ fn with_the_virtual_clock_every_pass_lies_in_the_same_groove() {
 fn with_the_virtual_clock_starts_and_taps_keep_their_angle() {
     let workshop = Workshop::new();
     // Counter-clockwise.
-    let program = "G21 G18 G90 G8\nS600 M4\nG0 X15 Z5\nG33 Z-15 K2\nG0 X20\nG0 Z5\nG0 X15\nG33 Z-15 K2 Q180\nG0 X20\nM5\nM2\n";
+    let program = "G21 G18 G90 G8\nS600 M4\nG0 X15 Z5\nG33 Z-15 K2\nG0 X20\nG0 Z5\nG0 X15\n\
+                   G33 Z-15 K2 Q180\nG0 X20\nM5\nM2\n";
     let passes = grooves(&imagine(&workshop, program), 10.0, 2.0);
     assert_eq!(passes.len(), 2, "{passes:?}");
     assert!((passes[1].0 - 0.5).abs() < 1e-3, "{passes:?}");

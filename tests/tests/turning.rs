@@ -280,9 +280,10 @@ impl AdaptiveRun {
         let adaptive = workshop.write(
             "adaptive.toml",
             format!(
-                "set_load = {SET}\noverload = 4000\noverload_ms = 50\ncontact_load = 50\nfeed_exponent = 0.75\n\
-                 factor_min = 0.2\nfactor_max = 1.5\nfactor_entry = 0.8\nfactor_idle = 1.5\n\
-                 turn_ms = {}\nlag_ms = 15\nstale_ms = 400\nslew_up_per_s = 2\nslew_down_per_s = 100\n",
+                "set_load = {SET}\noverload = 4000\noverload_ms = 50\ncontact_load = 50\n\
+                 feed_exponent = 0.75\nfactor_min = 0.2\nfactor_max = 1.5\nfactor_entry = 0.8\n\
+                 factor_idle = 1.5\nturn_ms = {}\nlag_ms = 15\nstale_ms = 400\nslew_up_per_s = 2\n\
+                 slew_down_per_s = 100\n",
                 1e3 * TURN_S
             ),
         );

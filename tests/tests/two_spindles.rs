@@ -53,8 +53,8 @@ fn notices(trace: &Path) -> Vec<String> {
 fn both_turn_and_the_named_one_threads_and_stops_at_its_angle() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
-        let program = "G21 G18 G90 G8\nS300 M3\nS900 M3 $1\nG0 X15 Z5\nG33 Z-15 K2 $1\nG0 X20\nM19 R90 $1\nG95 F0.5 S300 $0\nG1 Z-10\n\
-                       M5 $-1\nM2\n";
+        let program = "G21 G18 G90 G8\nS300 M3\nS900 M3 $1\nG0 X15 Z5\nG33 Z-15 K2 $1\nG0 X20\nM19 R90 $1\n\
+                       G95 F0.5 S300 $0\nG1 Z-10\nM5 $-1\nM2\n";
         let (finished, trace) = drive(&workshop, program, &["--spindle-ripple", "2"]);
         finished.expect_code(&[0, 3]);
         // Spindle 1 gives the angle: at its speed, and not at that of spindle 0, the thread is in phase.

@@ -30,8 +30,8 @@ fn table(workshop: &Workshop, name: &str, way: &str, faster: u32, homing: &str) 
             1,
         );
     let axis = format!(
-        "[[axis]]\nletter = \"C\"\nunlimited = \"{way}\"\nmax_velocity_deg_s = {}\nmax_acceleration_deg_s2 = {}\n\
-         max_jerk_deg_s3 = {}\nfollowing_error_deg = 2\n",
+        "[[axis]]\nletter = \"C\"\nunlimited = \"{way}\"\nmax_velocity_deg_s = {}\n\
+         max_acceleration_deg_s2 = {}\nmax_jerk_deg_s3 = {}\nfollowing_error_deg = 2\n",
         720 * faster,
         7200 * faster,
         200_000 * faster
@@ -84,7 +84,8 @@ fn ends(way: &str, program: &str) -> Vec<f64> {
 
 #[test]
 fn g90_takes_the_shorter_way_g91_what_is_written_and_rapids_and_feeds_alike() {
-    let program = "G61 F36000\nG0 C350\nG1 C10\nG0 C190\nG0 C0\nG91 G1 C725\nG90 G0 C0\nG53 G0 C-90\nG10 L2 P1 C30\nG0 C0\nM2\n";
+    let program = "G61 F36000\nG0 C350\nG1 C10\nG0 C190\nG0 C0\nG91 G1 C725\nG90 G0 C0\nG53 G0 C-90\n\
+                   G10 L2 P1 C30\nG0 C0\nM2\n";
     let ends = ends("shorter", program);
     let expected = [-10.0, 10.0, 190.0, 360.0, 1085.0, 1080.0, 990.0, 1110.0];
     assert!(ends.len() >= expected.len(), "{ends:?}");

@@ -28,7 +28,8 @@ impl Shop {
         let shipped = workshop.mill(name, &[]);
         let text = std::fs::read_to_string(shipped).expect("a machine file");
         let program = format!(
-            "\n[program]\nuser_codes = [101, 102]\nuser_code_folder = \"codes\"\nuser_code_timeout_s = {timeout_s}\n"
+            "\n[program]\nuser_codes = [101, 102]\nuser_code_folder = \"codes\"\n\
+             user_code_timeout_s = {timeout_s}\n"
         );
         let machine = workshop.write(&format!("{name}.toml"), format!("{text}{program}"));
         std::fs::create_dir(workshop.path("codes")).expect("a folder");

@@ -134,7 +134,8 @@ impl BoreArgs {
             && let Some(name) = given(&roughing)
         {
             return Err(CommandError::Usage(format!(
-                "{name} is an option of roughing, which --finish-only leaves out: remove one of the two, or use --finish"
+                "{name} is an option of roughing, which --finish-only leaves out: remove one of the two, or \
+                 use --finish"
             )));
         }
         if !(self.finish || self.finish_only)
@@ -432,7 +433,8 @@ mod tests {
             ),
             (
                 "--hole 20 --tool 8 --pitch 1 --rough-turns 2",
-                "--rough-turns 2 gives a pitch of 3 mm per turn, above the maximum of 1 mm: give at least 6 turns",
+                "--rough-turns 2 gives a pitch of 3 mm per turn, above the maximum of 1 mm: give at least 6 \
+                 turns",
             ),
         ] {
             let error = program(options).unwrap_err();

@@ -668,7 +668,8 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
     if unmeasured > 0 {
         written(writeln!(
             err,
-            "{unmeasured} not measured: this host kept the bridge from running; test again while it is less busy"
+            "{unmeasured} not measured: this host kept the bridge from running; test again while it is less \
+             busy"
         ))?;
     }
     Ok(if failed > 0 || stopped {

@@ -9,9 +9,8 @@ use crate::{CommandError, Ending};
 
 /// Arguments of `evolvent completions`.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example, for bash: evolvent completions bash > ~/.local/share/bash-completion/completions/evolvent"
-)]
+#[command(after_help = "Example, for bash: evolvent completions bash > \
+                  ~/.local/share/bash-completion/completions/evolvent")]
 pub(crate) struct CompletionsArgs {
     /// The shell.
     #[arg(value_enum)]

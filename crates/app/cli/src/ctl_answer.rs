@@ -27,7 +27,8 @@ impl JobEnd<'_> {
         }
         if status.job != job {
             return (!self.by_own_stop).then(|| {
-                "another job has begun since, so that it is unknown how this one ended: `evolvent trace report` shows it"
+                "another job has begun since, so that it is unknown how this one ended: `evolvent trace \
+                 report` shows it"
                     .to_owned()
             });
         }

@@ -28,7 +28,8 @@ pub(crate) fn run(
 ) -> Result<(), CommandError> {
     if !(10.0..=10_000.0).contains(&rate_hz) || !(0.1..=3600.0).contains(&duration.as_secs_f64()) {
         return Err(CommandError::Usage(format!(
-            "--rate {rate_hz} Hz and --seconds {}: with --network, a rate of 10 to 10000 Hz and a duration of 0.1 to 3600 s are needed",
+            "--rate {rate_hz} Hz and --seconds {}: with --network, a rate of 10 to 10000 Hz and a duration \
+             of 0.1 to 3600 s are needed",
             duration.as_secs_f64()
         )));
     }
@@ -58,8 +59,9 @@ pub(crate) fn run(
             let (trips, devices) =
                 evolvent_ethercat::round_trips(interface, period, duration).map_err(|error| {
                     CommandError::Usage(format!(
-                        "the network interface {interface} cannot be opened: {error}; raw sockets need CAP_NET_RAW, and the \
-                         interface must be up. for a Mesa board, give its address with --board"
+                        "the network interface {interface} cannot be opened: {error}; raw sockets need \
+                         CAP_NET_RAW, and the interface must be up. for a Mesa board, give its address with \
+                         --board"
                     ))
                 })?;
             (trips, Some(devices))
@@ -81,19 +83,22 @@ fn judged(trips: &RoundTrips, devices: Option<u16>, period: Duration) -> CardFin
         let what = match devices {
             Some(_) => "no frame returns: check cable and supply, and that the devices are on this interface",
             None => {
-                "no reply: check cable, supply and address, and that this computer has an address of the same network"
+                "no reply: check cable, supply and address, and that this computer has an address of the \
+                 same network"
             }
         };
         Some((CardVerdict::Bad, what.to_owned()))
     } else if devices == Some(0) {
-        let what = "frames return, but no device has processed them: something else returns them; connect the devices without a switch";
+        let what = "frames return, but no device has processed them: something else returns them; connect \
+                    the devices without a switch";
         Some((CardVerdict::Bad, what.to_owned()))
     } else if trips.lost > 0 {
         let what =
             "packets are lost, or return after their period: see below, and `evolvent doctor` for the host";
         Some((CardVerdict::Bad, what.to_owned()))
     } else if trips.p999_ns as f64 > MAX_FRACTION * period_ns {
-        let what = "replies take more than 60 % of the period, for which a bridge waits: see below, or lower the rate";
+        let what = "replies take more than 60 % of the period, for which a bridge waits: see below, or \
+                    lower the rate";
         Some((CardVerdict::Bad, what.to_owned()))
     } else if trips.max_ns as f64 > MAX_FRACTION * period_ns {
         let what = "single replies are late: see below, and `evolvent doctor` for the host";

@@ -105,7 +105,8 @@ pub(crate) fn run(args: &RateArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     {
         if args.plot.is_some() {
             return Err(CommandError::Usage(
-                "--plot draws the limits of a machine: give --machine, or at least one of --acceleration-g, --jerk and --feed"
+                "--plot draws the limits of a machine: give --machine, or at least one of --acceleration-g, \
+                 --jerk and --feed"
                     .to_owned(),
             ));
         }

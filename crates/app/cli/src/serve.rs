@@ -220,8 +220,8 @@ fn write_summary(summary: &ServeSummary, out: &mut dyn Write) -> std::io::Result
     if let Some(clock) = &summary.clock {
         writeln!(
             out,
-            "  drives' clock: drift {:.2} ppm ({:.2} to {:.2}); phase error mean {:.2}, scatter {:.2}, p50 {:.2}, p99.9 {:.2}, \
-             max {:.2} us",
+            "  drives' clock: drift {:.2} ppm ({:.2} to {:.2}); phase error mean {:.2}, scatter {:.2}, p50 \
+             {:.2}, p99.9 {:.2}, max {:.2} us",
             clock.drift_ppm,
             clock.drift_min_ppm,
             clock.drift_max_ppm,

@@ -365,7 +365,8 @@ fn an_output_that_is_a_device_stays_one() {
 #[test]
 fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
     let bench = Bench::new();
-    let text = "G43 H1\n#31 = [#31 + 1]\nG10 L2 P2 X7\nG10 L1 P1 R2\nO<lift> call [5]\nG1 X[#31] F600\n(PRINT, %d#31)\nM2\n";
+    let text = "G43 H1\n#31 = [#31 + 1]\nG10 L2 P2 X7\nG10 L1 P1 R2\nO<lift> call [5]\nG1 X[#31] F600\n\
+                (PRINT, %d#31)\nM2\n";
     let program = bench.program(text);
     fs::create_dir(bench.path("subs")).unwrap();
     fs::write(

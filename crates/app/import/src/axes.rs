@@ -386,8 +386,9 @@ fn homing(
             "switch_mm"
         };
         let reason = format!(
-            "its sign is not carried over: LinuxCNC takes the edge at which the switch opens, Evolvent that at which it closes in a \
-             second approach; correct {key} by the distance of both, or touch off again"
+            "its sign is not carried over: LinuxCNC takes the edge at which the switch opens, Evolvent that \
+             at which it closes in a second approach; correct {key} by the distance of both, or touch off \
+             again"
         );
         drop_entry(report, &entry, &reason);
     }
@@ -435,7 +436,8 @@ fn homing(
         report.choose(
             format!("index_within of {name}"),
             format!(
-                "{}: LinuxCNC has no bound; enter a little more than the way from one index pulse to the next",
+                "{}: LinuxCNC has no bound; enter a little more than the way from one index pulse to the \
+                 next",
                 tidy(within)
             ),
         );
@@ -455,7 +457,8 @@ fn homing(
 fn drop_unused_homing(ini: &mut Ini, joint: &str, reference: f64, home: f64, report: &mut Report) {
     let offset = ini.first(joint, "HOME_OFFSET");
     if let Some(entry) = offset.filter(|_| reference != 0.0 && reference != home) {
-        let reason = "without a search the axis is at its home position when LinuxCNC starts: shift the zero of its encoder or bridge by this value";
+        let reason = "without a search the axis is at its home position when LinuxCNC starts: shift the \
+                      zero of its encoder or bridge by this value";
         drop_entry(report, &entry, reason);
     }
     let speeds = ["HOME_SEARCH_VEL", "HOME_LATCH_VEL"];

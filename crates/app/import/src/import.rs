@@ -304,8 +304,9 @@ fn leave_out(ini: &mut Ini, report: &mut Report) {
         };
         if connects_probe(&file) {
             reason.push_str(
-                "; it connects a touch probe (motion.probe-input): G38 is refused until the machine file has [probe], and a bridge has to \
-                 report it, as that to EtherCAT drives does (touch_probe); that to Mesa boards has no probe input",
+                "; it connects a touch probe (motion.probe-input): G38 is refused until the machine file \
+                 has [probe], and a bridge has to report it, as that to EtherCAT drives does (touch_probe); \
+                 that to Mesa boards has no probe input",
             );
         }
         drop_entry(report, &entry, &reason);
@@ -333,7 +334,8 @@ fn leave_out(ini: &mut Ini, report: &mut Report) {
                     report,
                     &entry,
                     &format!(
-                        "joints {} both drive {letter}: one axis here; the bridge drives and squares both motors",
+                        "joints {} both drive {letter}: one axis here; the bridge drives and squares both \
+                         motors",
                         joints.join(" and ")
                     ),
                 );
@@ -371,7 +373,8 @@ fn of_second_motor(entry: &Entry, letter: char) -> Option<String> {
         "it has its own home switch there, and the beam is squared by both"
     };
     Some(format!(
-        "the second motor of {letter} is in the file of the bridge ([axis.gantry] or [device.axis.gantry]): {reason}"
+        "the second motor of {letter} is in the file of the bridge ([axis.gantry] or [device.axis.gantry]): \
+         {reason}"
     ))
 }
 

@@ -123,7 +123,8 @@ const KEYS: &[(&str, &str, &str)] = &[
     (
         "EMCIO",
         "TOOL_CHANGE_",
-        "the place of tool changes: write the moves into a subroutine of program.tool_change = \"subroutine\"",
+        "the place of tool changes: write the moves into a subroutine of program.tool_change \
+         = \"subroutine\"",
     ),
     (
         "EMCIO",

@@ -177,8 +177,8 @@ fn start(ini: &mut Ini, mm_per_unit: f64, report: &mut Report) -> Start {
     if has('G', 61.1) {
         report.choose(
             "path.mode",
-            "exact, as G61, for G61.1 of the start-up code: the path is the same, and the machine stops only where it has to; write \
-             G61.1 into programs that need a stop after every move",
+            "exact, as G61, for G61.1 of the start-up code: the path is the same, and the machine stops \
+             only where it has to; write G61.1 into programs that need a stop after every move",
         );
     }
     if start.path == PathMode::Unknown {
@@ -204,7 +204,8 @@ fn start(ini: &mut Ini, mm_per_unit: f64, report: &mut Report) -> Start {
         );
     } else if !lost.is_empty() {
         let reason = format!(
-            "{} not carried over: write it at the beginning of every program (only units, planes, G7, G61 and G64 P have a counterpart)",
+            "{} not carried over: write it at the beginning of every program (only units, planes, G7, G61 \
+             and G64 P have a counterpart)",
             lost.join(" ")
         );
         drop_entry(report, &entry, &reason);

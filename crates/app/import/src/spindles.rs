@@ -37,8 +37,8 @@ pub(crate) fn spindles(ini: &mut Ini, report: &mut Report) -> Result<Vec<Spindle
             report.choose(
                 key("feedback"),
                 format!(
-                    "true: {file} connects an encoder to spindle {number}; without a bridge that sends its angle and speed, a \
-                     program that turns the spindle is stopped by alarm 440"
+                    "true: {file} connects an encoder to spindle {number}; without a bridge that sends its \
+                     angle and speed, a program that turns the spindle is stopped by alarm 440"
                 ),
             );
         }

@@ -7,14 +7,14 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use evolvent_import::{Import, ImportError, import};
 
 /// A router of which two motors drive Y, with the values that a test changes.
-const INI: &str = "[EMC]\nMACHINE = router\n[KINS]\nKINEMATICS = trivkins coordinates=XYY\nJOINTS = 3\n[TRAJ]\nCOORDINATES = X Y\n\
-                   LINEAR_UNITS = mm\n[EMCIO]\nTOOL_TABLE = tools.tbl\n\
-                   [AXIS_X]\nMIN_LIMIT = 0\nMAX_LIMIT = 100\nMAX_VELOCITY = 20\nMAX_ACCELERATION = 200\n\
-                   [AXIS_Y]\nMIN_LIMIT = 0\nMAX_LIMIT = 100\nMAX_VELOCITY = 20\nMAX_ACCELERATION = 200\n\
-                   [JOINT_0]\nHOME_OFFSET = -5\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\nHOME_SEQUENCE = 0\n\
-                   BACKLASH = 0.02\nCOMP_FILE = x.comp\n\
-                   [JOINT_1]\nHOME_OFFSET = 5\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\nHOME_SEQUENCE = -1\n\
-                   [JOINT_2]\nHOME_OFFSET = 5.2\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\nHOME_SEQUENCE = -1\n";
+const INI: &str = "[EMC]\nMACHINE = router\n[KINS]\nKINEMATICS = trivkins coordinates=XYY\nJOINTS = 3\n\
+                   [TRAJ]\nCOORDINATES = X Y\nLINEAR_UNITS = mm\n[EMCIO]\nTOOL_TABLE = tools.tbl\n[AXIS_X]\n\
+                   MIN_LIMIT = 0\nMAX_LIMIT = 100\nMAX_VELOCITY = 20\nMAX_ACCELERATION = 200\n[AXIS_Y]\n\
+                   MIN_LIMIT = 0\nMAX_LIMIT = 100\nMAX_VELOCITY = 20\nMAX_ACCELERATION = 200\n[JOINT_0]\n\
+                   HOME_OFFSET = -5\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\nHOME_SEQUENCE = 0\n\
+                   BACKLASH = 0.02\nCOMP_FILE = x.comp\n[JOINT_1]\nHOME_OFFSET = 5\nHOME_SEARCH_VEL = -10\n\
+                   HOME_LATCH_VEL = -1\nHOME_SEQUENCE = -1\n[JOINT_2]\nHOME_OFFSET = 5.2\n\
+                   HOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\nHOME_SEQUENCE = -1\n";
 
 /// A folder of a test, removed with it.
 struct Folder(PathBuf);
@@ -413,8 +413,9 @@ fn limits_of_a_wrapped_axis_are_named() {
     let folder = Folder::new("wrapped");
     let named = |limits: &str| {
         let ini = format!(
-            "[KINS]\nKINEMATICS = trivkins coordinates=AX\nJOINTS = 2\n[TRAJ]\nLINEAR_UNITS = mm\n[AXIS_A]\nWRAPPED_ROTARY = 1\n{limits}\
-             MAX_VELOCITY = 20\nMAX_ACCELERATION = 200\n[JOINT_0]\nHOME_SEQUENCE = 0\n"
+            "[KINS]\nKINEMATICS = trivkins coordinates=AX\nJOINTS = 2\n[TRAJ]\nLINEAR_UNITS = mm\n[AXIS_A]\n\
+             WRAPPED_ROTARY = 1\n{limits}MAX_VELOCITY = 20\nMAX_ACCELERATION = 200\n[JOINT_0]\n\
+             HOME_SEQUENCE = 0\n"
         );
         lines(&folder.import(&ini).expect("a machine"), "AXIS_A").len()
     };

@@ -298,8 +298,8 @@ fn of_service(name: &str, jobs: &[NamedJob], meant: Option<u32>) -> String {
         format!(": {}", list.join(", "))
     };
     format!(
-        "{name} is a service with {} jobs, of which each counts its path from 0: positions are matched within one job only; name it \
-         with --job-{option}{list}",
+        "{name} is a service with {} jobs, of which each counts its path from 0: positions are matched \
+         within one job only; name it with --job-{option}{list}",
         jobs.len()
     )
 }

@@ -35,9 +35,10 @@ fn opened(browser: &Path, page: &Path, script: &str) -> String {
     let text = std::fs::read_to_string(page).expect("a page");
     let probe = page.with_extension("probe.html");
     let script = format!(
-        "<pre id=\"probe\"></pre><script>window.onerror = text => {{ document.getElementById('probe').textContent += 'ERROR ' + text; \
-         }};\ntry {{ document.getElementById('probe').textContent += (() => {{ {script} }})(); }} catch (e) {{ \
-         document.getElementById('probe').textContent += 'ERROR ' + e; }}</script></body>"
+        "<pre id=\"probe\"></pre><script>window.onerror = text => \
+         {{ document.getElementById('probe').textContent += 'ERROR ' + text; }};\ntry \
+         {{ document.getElementById('probe').textContent += (() => {{ {script} }})(); }} catch (e) \
+         {{ document.getElementById('probe').textContent += 'ERROR ' + e; }}</script></body>"
     );
     std::fs::write(&probe, text.replace("</body>", &script)).expect("room");
     let profile = tempfile::tempdir().expect("a folder");
@@ -230,14 +231,13 @@ fn the_path_in_space_fills_its_picture() {
     let (trace, _) = record(folder.path(), "run", program, Clock::Virtual, 1.0, |_| {});
     let page = folder.path().join("run.html");
     write_report(&trace, &page).expect("a page");
-    let script = "document.querySelector('[data-view=\"3d\"]').click(); evolvent.refreshNow(); \
-        const canvas = document.getElementById('path-canvas'), w = canvas.width, h = canvas.height; \
-        const pixels = canvas.getContext('2d').getImageData(0, 0, w, h).data; \
-        let l = w, r = 0, t = h, b = 0; \
-        /* The scale of colours is in a corner of its own. */ \
-        for (let y = 0; y < h; y++) for (let x = 0; x < w; x++) if (pixels[4 * (y * w + x) + 3] && !(y < 40 && x > w - 200)) { \
-          l = Math.min(l, x); r = Math.max(r, x); t = Math.min(t, y); b = Math.max(b, y); } \
-        return [(r - l) / w, (b - t) / h].join(' ');";
+    let script = "document.querySelector('[data-view=\"3d\"]').click(); evolvent.refreshNow(); const canvas \
+        = document.getElementById('path-canvas'), w = canvas.width, h = canvas.height; const pixels = \
+        canvas.getContext('2d').getImageData(0, 0, w, h).data; let l = w, r = 0, t = h, b = 0; /* The scale \
+        of colours is in a corner of its own. */ for (let y = 0; y < h; y++) for (let x = 0; x < w; x++) if \
+        (pixels[4 * (y * w + x) + 3] && !(y < 40 && x > w - 200)) \
+        { l = Math.min(l, x); r = Math.max(r, x); t = Math.min(t, y); b = Math.max(b, y); } return [(r - l) \
+        / w, (b - t) / h].join(' ');";
     let document = opened(&browser, &page, script);
     let shares: Vec<f64> = probed(&document)
         .split(' ')

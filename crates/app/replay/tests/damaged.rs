@@ -133,7 +133,8 @@ fn flip(name: &str, cases: usize, random: &mut impl FnMut(usize) -> usize) {
         }
     }
     println!(
-        "{name}: {refused} refused, {partly} read up to the damage, {unharmed} unharmed (header, unused index)"
+        "{name}: {refused} refused, {partly} read up to the damage, {unharmed} unharmed (header, unused \
+         index)"
     );
     assert!(refused + partly > cases / 2);
 }

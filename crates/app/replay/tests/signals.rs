@@ -25,8 +25,9 @@ number = 1
 on_hold = \"safe\"
 ";
 
-const PROGRAM: &str = "G21 G64 P0.02 F3000\nM62 P0\nG1 X10\nM67 E1 Q3\nG1 X20 Y5\nM66 P2 L3 Q5\nO1 if [#5399 EQ 1]\nM63 P0\nG1 X30\n\
-                       O1 endif\nM64 P0\nM68 E1 Q1\nM66 P2 L2 Q0.3\nG1 X[30 + #5399]\nM2\n";
+const PROGRAM: &str = "G21 G64 P0.02 F3000\nM62 P0\nG1 X10\nM67 E1 Q3\nG1 X20 Y5\nM66 P2 L3 Q5\n\
+                       O1 if [#5399 EQ 1]\nM63 P0\nG1 X30\nO1 endif\nM64 P0\nM68 E1 Q1\nM66 P2 L2 Q0.3\n\
+                       G1 X[30 + #5399]\nM2\n";
 
 const INPUTS: &str =
     "[[change]]\ninput = \"ready\"\non = false\n[[change]]\ninput = \"ready\"\non = true\nat_s = 1\n";

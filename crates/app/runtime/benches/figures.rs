@@ -233,8 +233,8 @@ fn main() {
                 row(
                     &format!("own work, step and hand-over, {program}, {rate} Hz, {planner:?}"),
                     &format!(
-                        "p50 {:.2} us, p99.9 {:.2} us, most {:.0} us ({cycles} cycles); the planner's longest piece of \
-                         work {:.2} ms",
+                        "p50 {:.2} us, p99.9 {:.2} us, most {:.0} us ({cycles} cycles); the planner's \
+                         longest piece of work {:.2} ms",
                         us(histogram.percentile_ns(50.0)),
                         us(histogram.percentile_ns(99.9)),
                         us(histogram.max_ns()),

@@ -76,8 +76,7 @@ fn write(setup: &Setup, samples: &[Setpoint], held: &[Setpoint], moment: usize) 
     };
     let (plan, motion) = (&samples[begin..end], &held[moment - 1..]);
     println!(
-        "\"line\":{},\"moment\":{moment},\"feed_mm_s\":{},\"took_s\":{took_s},\"period_s\":{period_s},\"sample_s\":{sample_s},\
-         \"acceleration\":{:?},\"jerk\":{:?},\"v\":{},\"a\":{},\"j\":{},\"driven_v\":{},\"driven_a\":{}}}",
+        "\"line\":{},\"moment\":{moment},\"feed_mm_s\":{},\"took_s\":{took_s},\"period_s\":{period_s},\"sample_s\":{sample_s},\"acceleration\":{:?},\"jerk\":{:?},\"v\":{},\"a\":{},\"j\":{},\"driven_v\":{},\"driven_a\":{}}}",
         from.line,
         from.feed_mm_s,
         &limits.acceleration.as_slice()[..3],

@@ -365,7 +365,8 @@ fn tick_on(core: usize) -> Finding {
         "nohz_full",
         if nohz.is_empty() { "none".to_owned() } else { nohz },
         if quiet { Verdict::Good } else { Verdict::Fair },
-        "boot with `nohz_full=N rcu_nocbs=N` for the isolated core too: the scheduler's tick then leaves it alone",
+        "boot with `nohz_full=N rcu_nocbs=N` for the isolated core too: the scheduler's tick then leaves it \
+         alone",
     )
 }
 
@@ -379,7 +380,8 @@ fn interrupts_of_devices(core: usize) -> Finding {
         } else {
             Verdict::Fair
         },
-        "boot with `irqaffinity=0`, stop irqbalance, and write 0 to /proc/irq/N/smp_affinity_list (docs/host.md)",
+        "boot with `irqaffinity=0`, stop irqbalance, and write 0 to /proc/irq/N/smp_affinity_list \
+         (docs/host.md)",
     )
 }
 
@@ -423,7 +425,8 @@ fn limits_of_user() -> [Finding; 2] {
         } else {
             Verdict::Fair
         },
-        "set `memlock unlimited` for this user in /etc/security/limits.conf, or LimitMEMLOCK=infinity in the service",
+        "set `memlock unlimited` for this user in /etc/security/limits.conf, or LimitMEMLOCK=infinity in \
+         the service",
     );
     [priority, memory]
 }
@@ -448,7 +451,8 @@ fn shared_memory_of_user() -> Finding {
             "remove_ipc",
             "logind deletes this user's shared memory at the end of the last session",
             Verdict::Fair,
-            "write RemoveIPC=no into /etc/systemd/logind.conf and restart systemd-logind, or run as a system user",
+            "write RemoveIPC=no into /etc/systemd/logind.conf and restart systemd-logind, or run as a \
+             system user",
         ),
     }
 }

@@ -144,7 +144,8 @@ impl Setup {
                     file: Some(file.clone()),
                     line,
                     message: format!(
-                        "{key}: there is no folder {}, so no subroutine is found there: create it, or correct the path",
+                        "{key}: there is no folder {}, so no subroutine is found there: create it, or \
+                         correct the path",
                         folder.display()
                     ),
                 }

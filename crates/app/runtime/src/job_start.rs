@@ -153,8 +153,8 @@ impl fmt::Display for JobStart {
                 let what = if start.is_turn { "turn" } else { "steered" };
                 write!(
                     out,
-                    "{what}: to={}; from={}; from_velocity={}; from_acceleration={}; velocity={}; travel_min={}; \
-                     travel_max={}",
+                    "{what}: to={}; from={}; from_velocity={}; from_acceleration={}; velocity={}; \
+                     travel_min={}; travel_max={}",
                     list(&start.to),
                     list(&start.from.position),
                     list(&start.from.velocity),

@@ -45,8 +45,8 @@ pub(crate) fn log_objection(action: &LogAction) -> Option<(String, String)> {
         && !name.ends_with(' ');
     (!is_name).then(|| {
         let help = format!(
-            "write a name without a folder, of at most {MAX_NAME} letters, digits, spaces, \".\", \"-\" and \"_\": log files go to the folder \
-             program.log_folder of the machine file"
+            "write a name without a folder, of at most {MAX_NAME} letters, digits, spaces, \".\", \"-\" \
+             and \"_\": log files go to the folder program.log_folder of the machine file"
         );
         (format!("\"{name}\" is no name of a log file"), help)
     })

@@ -14,11 +14,13 @@ use crate::shared::Controls;
 use crate::standby::needs_load;
 
 /// What is noted where drives answer.
-const DRIVES_UNWATCHED: &str = "drives answer on the bus, but `run` does not watch them: nothing stops it where one \
-     fails or does not follow. That takes power, homing and alarms that stay, which `evolvent serve` has";
+const DRIVES_UNWATCHED: &str = "drives answer on the bus, but `run` does not watch them: nothing stops it \
+     where one fails or does not follow. That takes power, homing and alarms that stay, which `evolvent \
+     serve` has";
 /// The same for a run that goes by what they cut.
-const DRIVES_HALF_WATCHED: &str = "drives answer on the bus: the run ends if they stop by themselves; a following error or lost feedback \
-     does not stop it, because that takes power, homing and alarms that stay, which `evolvent serve` has";
+const DRIVES_HALF_WATCHED: &str = "drives answer on the bus: the run ends if they stop by themselves; a \
+     following error or lost feedback does not stop it, because that takes power, homing and alarms that \
+     stay, which `evolvent serve` has";
 /// How often the caller hears of progress.
 const PROGRESS_EVERY: Duration = Duration::from_millis(50);
 /// The same where time is not real: runs may be over at once.

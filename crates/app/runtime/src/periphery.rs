@@ -179,7 +179,8 @@ pub(crate) fn change_abandoned(tool: u32, present: u32) -> String {
         _ => format!("tool {present} still counts as the one in the spindle"),
     };
     format!(
-        "the tool change {change} was abandoned, and {counts}: if that is wrong, name the tool by MDI, such as M61 Q{tool}"
+        "the tool change {change} was abandoned, and {counts}: if that is wrong, name the tool by MDI, such \
+         as M61 Q{tool}"
     )
 }
 
@@ -191,8 +192,9 @@ pub(crate) fn nobody_changes(tool: u32, present: u32) -> (String, String) {
     };
     let message = format!("M6 needs tool {tool}, but {what}, and nobody can confirm a tool change here");
     let help = format!(
-        "run in a terminal, where Enter confirms it, or use `evolvent serve`; --tool {tool} says that the tool is in the \
-         spindle already; program.tool_change in the machine file declares an automatic changer"
+        "run in a terminal, where Enter confirms it, or use `evolvent serve`; --tool {tool} says that the \
+         tool is in the spindle already; program.tool_change in the machine file declares an automatic \
+         changer"
     );
     (message, help)
 }

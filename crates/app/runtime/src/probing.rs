@@ -60,8 +60,8 @@ pub(crate) fn objection(order: &ProbeMove, setup: &Setup) -> Option<ProbeObjecti
     (order.toward && distance > most).then(|| {
         ProbeObjection::Words(
             format!(
-                "G38 at {:.1} mm/min goes on for up to {distance:.3} mm after contact ({:.1} ms until it is noticed, then the stop), \
-                 and probe.overtravel_mm is {most}",
+                "G38 at {:.1} mm/min goes on for up to {distance:.3} mm after contact ({:.1} ms until it is \
+                 noticed, then the stop), and probe.overtravel_mm is {most}",
                 feed * 60.0,
                 delay_s * 1e3
             ),

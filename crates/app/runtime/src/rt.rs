@@ -113,7 +113,10 @@ fn lock_memory() -> Result<(), String> {
         ));
     }
     mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|errno| {
-        format!("memory is not locked ({errno}): set `memlock unlimited` in /etc/security/limits.conf or grant CAP_IPC_LOCK")
+        format!(
+            "memory is not locked ({errno}): set `memlock unlimited` in /etc/security/limits.conf or \
+                 grant CAP_IPC_LOCK"
+        )
     })
 }
 
@@ -127,8 +130,8 @@ fn pin(core: usize) -> Result<(), String> {
     cores.set(core);
     sched_setaffinity(None, &cores).map_err(|errno| {
         format!(
-            "not pinned to core {core} ({errno}): choose one of /sys/devices/system/cpu/online that this process's \
-             cpuset allows"
+            "not pinned to core {core} ({errno}): choose one of /sys/devices/system/cpu/online that this \
+             process's cpuset allows"
         )
     })
 }
@@ -146,8 +149,9 @@ fn set_fifo(priority: u8) -> Result<(), String> {
         .current
         .map_or("unlimited".to_owned(), |n| n.to_string());
     Err(format!(
-        "no real-time scheduling at priority {priority} ({cause}; `ulimit -r` is {limit}): set `rtprio {priority}` in \
-         /etc/security/limits.conf (LimitRTPRIO={priority} under systemd) or grant CAP_SYS_NICE"
+        "no real-time scheduling at priority {priority} ({cause}; `ulimit -r` is {limit}): set `rtprio \
+         {priority}` in /etc/security/limits.conf (LimitRTPRIO={priority} under systemd) or grant \
+         CAP_SYS_NICE"
     ))
 }
 

@@ -250,13 +250,14 @@ fn notes_of(job: &Job, report: &RunReport, feed: &FeedReport) -> impl Iterator<I
     [
         (job.is_realtime() && passed > 0).then(|| {
             format!(
-                "{passed} program stops (M0, M1, M60) were passed without waiting, because nobody could be asked: run in a \
-                 terminal to be asked"
+                "{passed} program stops (M0, M1, M60) were passed without waiting, because nobody could be \
+                 asked: run in a terminal to be asked"
             )
         }),
         (job.clock == Clock::Virtual && not_carried_out > 0).then(|| {
             format!(
-                "{not_carried_out} commands of the machine's own (M100 to M199) were not carried out: time was not real"
+                "{not_carried_out} commands of the machine's own (M100 to M199) were not carried out: time \
+                 was not real"
             )
         }),
         (skipped > 0).then(|| format!("{skipped} lines that begin with / were skipped (--block-delete)")),
@@ -280,7 +281,8 @@ fn tool_change_note(job: &Job, changes: u64) -> Option<String> {
         // Its moves, outputs and inputs are those of the run.
         (_, ToolChange::Subroutine) => None,
         (_, ToolChange::None) => Some(format!(
-            "{many} {verb} counted as done and nothing was changed: program.tool_change is \"none\" in the machine file"
+            "{many} {verb} counted as done and nothing was changed: program.tool_change is \"none\" in the \
+             machine file"
         )),
         (Clock::Virtual, _) => Some(format!("{many} {verb} not carried out: time was not real")),
         (Clock::Realtime, _) => None,

@@ -70,8 +70,8 @@ pub(crate) fn signal_objection(signals: &SignalSettings, action: &Action) -> Opt
             let settings = signals.spindle(spindle);
             (!settings.is_some_and(SpindleSettings::has_feedback)).then(|| {
                 let help = format!(
-                    "add feedback = true to a [[spindle]] of number {spindle} in the machine file, and a bridge that turns it to \
-                     an angle"
+                    "add feedback = true to a [[spindle]] of number {spindle} in the machine file, and a \
+                     bridge that turns it to an angle"
                 );
                 let message = format!("M19: the machine file has no spindle {spindle} with feedback");
                 (message, help)
@@ -93,7 +93,8 @@ fn spindle_objection(
     }
     let Some(spindle) = signals.spindle(number) else {
         let help = format!(
-            "write $ and the number of another spindle, or number = {number} at one of [[spindle]] in the machine file"
+            "write $ and the number of another spindle, or number = {number} at one of [[spindle]] in the \
+             machine file"
         );
         return Some((format!("the machine has no spindle {number}"), help));
     };

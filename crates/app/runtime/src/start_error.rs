@@ -24,20 +24,20 @@ pub enum StartError {
     BusTimeout,
     /// The machine file wants drives watched.
     #[error(
-        "the machine file asks for drives that answer (drives.feedback = \"required\"), and `run` does not watch drives: use \
-         `evolvent serve`, or \"if_present\" for a run without a machine"
+        "the machine file asks for drives that answer (drives.feedback = \"required\"), and `run` does not \
+         watch drives: use `evolvent serve`, or \"if_present\" for a run without a machine"
     )]
     DrivesRequired,
     /// Without the bus the emergency-stop chain is not read.
     #[error(
-        "the machine file has an emergency-stop chain ([estop]), and without the bus nobody reads it: leave out --no-bus, or use \
-         --clock virtual for a run without a machine"
+        "the machine file has an emergency-stop chain ([estop]), and without the bus nobody reads it: leave \
+         out --no-bus, or use --clock virtual for a run without a machine"
     )]
     ChainUnread,
     /// The emergency-stop chain is open.
     #[error(
-        "the emergency-stop chain ([estop]) is open, or no bridge has sent its input within {} s; close it, and see that the \
-         bridge runs", CHAIN_TIMEOUT.as_secs()
+        "the emergency-stop chain ([estop]) is open, or no bridge has sent its input within {} s; close it, \
+         and see that the bridge runs", CHAIN_TIMEOUT.as_secs()
     )]
     ChainOpen,
     /// The trace.
@@ -45,8 +45,8 @@ pub enum StartError {
     Trace(#[from] RecordError),
     /// The cycle's thread computes nothing.
     #[error(
-        "the cycle did not compute a setpoint within {} s; the host is overloaded, or real-time threads take all of its \
-         processors (`evolvent doctor`)",
+        "the cycle did not compute a setpoint within {} s; the host is overloaded, or real-time threads \
+         take all of its processors (`evolvent doctor`)",
         CYCLE_TIMEOUT.as_secs()
     )]
     CycleTimeout,
@@ -57,7 +57,8 @@ pub enum StartError {
     Modes(String),
     /// Two cores would overwrite each other's offsets and tools.
     #[error(
-        "the state folder {} is used by another core ({holder}); give each core a folder of its own with --state, or end the other",
+        "the state folder {} is used by another core ({holder}); give each core a folder of its own with \
+         --state, or end the other",
         folder.display()
     )]
     StateInUse {

@@ -212,8 +212,8 @@ impl Summary {
 /// What is reported of setpoints that left late while no client was connected.
 pub(crate) fn late_for_nobody(late: u64) -> String {
     format!(
-        "{late} setpoints left late, but no bridge or client was connected, so nobody missed them; before drives follow, see \
-         `evolvent doctor`"
+        "{late} setpoints left late, but no bridge or client was connected, so nobody missed them; before \
+         drives follow, see `evolvent doctor`"
     )
 }
 

@@ -133,7 +133,8 @@ impl ThreadChain {
         let Some(spindle) = spindle else {
             let number = self.spindle;
             let message = format!(
-                "threads follow the angle of the spindle, and the machine file has no spindle {number} with feedback"
+                "threads follow the angle of the spindle, and the machine file has no spindle {number} with \
+                 feedback"
             );
             let place = if number == 0 {
                 String::new()
@@ -141,7 +142,8 @@ impl ThreadChain {
                 format!("number = {number} and ")
             };
             let help = format!(
-                "add [[spindle]] with {place}feedback = true to the machine file; a bridge tells the angle on the bus"
+                "add [[spindle]] with {place}feedback = true to the machine file; a bridge tells the angle \
+                 on the bus"
             );
             return Err(ThreadRefusal::Words(message, help));
         };
@@ -236,7 +238,8 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
             let letter = AxisLetter::letter_of(axis);
             (
                 format!(
-                    "at {:.0} rpm the pitch needs {:.0} mm/min of {letter} (5 % of reserve included), which may do {:.0} mm/min",
+                    "at {:.0} rpm the pitch needs {:.0} mm/min of {letter} (5 % of reserve included), which \
+                     may do {:.0} mm/min",
                     rpm.abs(),
                     needed * 60.0,
                     permitted * 60.0
@@ -254,8 +257,8 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
             ..
         } => (
             format!(
-                "at {:.0} rpm this needs {run_in_mm:.3} mm of run-in to be in phase, and {run_out_mm:.3} mm to run out: there are \
-                 {length_mm:.3} mm",
+                "at {:.0} rpm this needs {run_in_mm:.3} mm of run-in to be in phase, and {run_out_mm:.3} mm \
+                 to run out: there are {length_mm:.3} mm",
                 rpm.abs()
             ),
             "begin farther away from the thread, end farther behind it, or turn the spindle more slowly"

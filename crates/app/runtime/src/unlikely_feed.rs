@@ -52,8 +52,9 @@ impl UnlikelyFeed {
             String::new()
         };
         Some(format!(
-            "F{word}{in_mm} is far above what the machine can do, at most {fastest:.0} mm/min or degrees/min with all axes together: its limits set \
-             the speed; write the feed that was meant, or G0 for a rapid move"
+            "F{word}{in_mm} is far above what the machine can do, at most {fastest:.0} mm/min or \
+             degrees/min with all axes together: its limits set the speed; write the feed that was meant, \
+             or G0 for a rapid move"
         ))
     }
 }

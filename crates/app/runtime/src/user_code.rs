@@ -107,7 +107,8 @@ impl UserCodes {
     }
 
     fn advice(&self) -> &'static str {
-        "put an executable of that name there, or name the folder with program.user_code_folder in the machine file"
+        "put an executable of that name there, or name the folder with program.user_code_folder in the \
+         machine file"
     }
 
     /// Starts the program of a command, on a thread of its own.

@@ -82,7 +82,8 @@ fn drive(is_wanted: impl Fn(&str) -> bool) {
         let feed_mm_s = held[hold.moment - 1].feed_mm_s;
         assert!(
             (feed_mm_s - hold.feed_mm_s).abs() <= 0.01 * hold.feed_mm_s + 0.01,
-            "the plan of {row} has changed, {feed_mm_s} mm/s there: compute the table again (examples/shortest_stop.py)"
+            "the plan of {row} has changed, {feed_mm_s} mm/s there: compute the table again \
+             (examples/shortest_stop.py)"
         );
         let took_s = (held.len() - hold.moment) as f64 / hold.rate_hz;
         let ratio = (took_s - EXTRA_S) / hold.shortest_s;

@@ -185,7 +185,8 @@ fn done(program: &str, inputs: &str) -> Ran {
 fn synchronised_outputs_change_with_the_first_setpoint_of_the_next_move() {
     for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
         for rate in [250.0, 1000.0, 7919.0, 35_000.0] {
-            let program = "G21 F3000\nM62 P0\nG61.1 G1 X3\nM62 P1\nM67 E0 Q40\nG1 X5\nM63 P0\nM67 E0 Q50\nM67 E0 Q60\nG1 X6\nM2\n";
+            let program = "G21 F3000\nM62 P0\nG61.1 G1 X3\nM62 P1\nM67 E0 Q40\nG1 X5\nM63 P0\nM67 E0 Q50\n\
+                           M67 E0 Q60\nG1 X6\nM2\n";
             let ran = drive(program, setup("", Some(rate), planner), "", |_, _| {});
             assert_eq!(ran.outcome.summary.outcome, Outcome::Done);
             let (first, second, third) = (ran.leaves(0.0), ran.leaves(3.0), ran.leaves(5.0));
@@ -282,7 +283,8 @@ fn waits_end_by_what_they_wait_for_and_their_result_steers_the_program() {
     ];
     for (word, inputs, result, seconds) in cases {
         let program = format!(
-            "G21 F3000\nG1 X10\nM66 P2 {word}\nG1 X[20 + #5399]\nO100 if [#5399 LT 0]\nG1 Y3\nO100 endif\nM2\n"
+            "G21 F3000\nG1 X10\nM66 P2 {word}\nG1 X[20 + #5399]\nO100 if [#5399 LT 0]\nG1 Y3\nO100 endif\n\
+             M2\n"
         );
         let ran = done(&program, &inputs);
         let last = ran.setpoints.last().unwrap().position;
@@ -297,9 +299,11 @@ fn waits_end_by_what_they_wait_for_and_their_result_steers_the_program() {
 
 #[test]
 fn an_analog_input_is_read_and_waits_follow_one_another() {
-    let inputs = "[[change]]\ninput = \"pressure\"\nvalue = 2.5\n[[change]]\ninput = \"pressure\"\nvalue = 7.25\nat_s = 0.3\n\
-                  [[change]]\ninput = \"ready\"\non = true\nat_s = 1\n[[change]]\ninput = \"ready\"\non = false\nat_s = 1.2\n";
-    let program = "G21 F3000\nM66 E1 L0\nG1 X#5399\nG4 P0.5\nM66 E1 L0\nG1 Y#5399\nM66 P2 L3 Q9\nM66 P2 L4 Q9\nM64 P0\nM66 P2 L0\nG1 Z[#5399 - 2]\nM2\n";
+    let inputs = "[[change]]\ninput = \"pressure\"\nvalue = 2.5\n[[change]]\ninput = \"pressure\"\n\
+                  value = 7.25\nat_s = 0.3\n[[change]]\ninput = \"ready\"\non = true\nat_s = 1\n[[change]]\n\
+                  input = \"ready\"\non = false\nat_s = 1.2\n";
+    let program = "G21 F3000\nM66 E1 L0\nG1 X#5399\nG4 P0.5\nM66 E1 L0\nG1 Y#5399\nM66 P2 L3 Q9\n\
+                   M66 P2 L4 Q9\nM64 P0\nM66 P2 L0\nG1 Z[#5399 - 2]\nM2\n";
     let ran = done(program, inputs);
     let last = ran.setpoints.last().unwrap().position;
     assert_eq!([last[0], last[1], last[2]], [2.5, 7.25, -2.0]);
@@ -309,7 +313,8 @@ fn an_analog_input_is_read_and_waits_follow_one_another() {
 
 #[test]
 fn a_run_with_signals_is_the_same_each_time_and_with_either_planner_it_ends() {
-    let inputs = "[[change]]\ninput = \"ready\"\non = true\nat_path_mm = 5\n[[change]]\ninput = \"ready\"\non = false\nat_line = 6\n";
+    let inputs = "[[change]]\ninput = \"ready\"\non = true\nat_path_mm = 5\n[[change]]\ninput = \"ready\"\n\
+                  on = false\nat_line = 6\n";
     let program =
         "G21 F3000\nM62 P0\nG1 X10\nM66 P2 L3 Q5\nM63 P0\nG1 X20 Y5\nM66 P2 L4 Q5\nM64 P1\nG1 X0\nM2\n";
     for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
@@ -521,7 +526,8 @@ fn in_random_programs_every_synchronised_output_changes_with_the_first_setpoint_
                 .any(|&(at, to)| to == value && (first..=wanted).contains(&at) && at < end);
             assert!(
                 is_there,
-                "seed {seed}, {rate} Hz, {planner:?}: {code} to {value} at {x}, setpoint {wanted}: {found:?}\n{program}"
+                "seed {seed}, {rate} Hz, {planner:?}: {code} to {value} at {x}, setpoint {wanted}: \
+                 {found:?}\n{program}"
             );
             changes += 1;
         }

@@ -77,7 +77,8 @@ fn a_face_is_driven_with_the_same_feed_per_revolution_while_the_speed_rises() {
 
 #[test]
 fn a_ball_keeps_its_shape_and_its_feed_per_revolution() {
-    let program = "G21 G18 G8 G90 G95 G61\nG0 X2 Z60\nG96 S60 D2000 M3\nG1 Z50 F0.2\nG3 X40 Z12 I0 K-38\nG1 Z5\nM5\nM2\n";
+    let program = "G21 G18 G8 G90 G95 G61\nG0 X2 Z60\nG96 S60 D2000 M3\nG1 Z50 F0.2\nG3 X40 Z12 I0 K-38\n\
+                   G1 Z5\nM5\nM2\n";
     for planner in PLANNERS {
         let mut places = 0;
         for setpoint in turn(program, planner) {

@@ -60,8 +60,8 @@ pub enum ScreenError {
     },
     /// A run is shown beyond loopback without a certificate.
     #[error(
-        "the screen of a run has no folder to keep a certificate in: beyond this computer give one with --screen-certificate \
-         and --screen-key"
+        "the screen of a run has no folder to keep a certificate in: beyond this computer give one with \
+         --screen-certificate and --screen-key"
     )]
     NoCertificate,
     /// The certificate or its key cannot be used.

@@ -34,10 +34,7 @@ pages!(
     "host",
 );
 
-const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:46rem;margin:0 auto;padding:0 1rem 50vh}\
-     :target{scroll-margin-top:.5rem;background:#fdeeca}a{color:#075a9c}h1{font-size:1.5rem}h2{font-size:1.15rem}\
-     h3{font-size:1rem}code{font-size:.9em}pre{overflow:auto}pre,tr:nth-child(even){background:#0001}pre{padding:.5rem}\
-     table{border-collapse:collapse;display:block;overflow:auto}td,th{border:1px solid #8886;padding:.2rem .5rem;text-align:left}";
+const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:46rem;margin:0 auto;padding:0 1rem 50vh}:target{scroll-margin-top:.5rem;background:#fdeeca}a{color:#075a9c}h1{font-size:1.5rem}h2{font-size:1.15rem}h3{font-size:1rem}code{font-size:.9em}pre{overflow:auto}pre,tr:nth-child(even){background:#0001}pre{padding:.5rem}table{border-collapse:collapse;display:block;overflow:auto}td,th{border:1px solid #8886;padding:.2rem .5rem;text-align:left}";
 const DARK: &str = "body{background:#12181f;color:#e8edf2}a{color:#7cc0ff}:target{background:#4a3500}\
      pre,tr:nth-child(even){background:#fff1}";
 
@@ -113,8 +110,8 @@ fn page(text: &str, is_dark: bool) -> String {
     html::push_html(&mut body, shown);
     let dark = if is_dark { DARK } else { "" };
     format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
-         <title>Evolvent</title><style>{STYLE}{dark}</style><body>{body}"
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" \
+         content=\"width=device-width\"><title>Evolvent</title><style>{STYLE}{dark}</style><body>{body}"
     )
 }
 
@@ -222,7 +219,8 @@ mod tests {
     #[test]
     fn pages_hold_no_script_and_lead_nowhere_else() {
         let shown = page(
-            "# A & <script>\n<script>x</script>\n[out](https://example.org) [up](../README.md) ![p](a.png)\n\n# A & <script>\n",
+            "# A & <script>\n<script>x</script>\n\
+             [out](https://example.org) [up](../README.md) ![p](a.png)\n\n# A & <script>\n",
             false,
         );
         let body = &shown[shown.find("<body>").unwrap()..];

@@ -134,7 +134,8 @@ fn restart_of(file: &Path, mut setup: Setup, line: u32, interrupt: Arc<AtomicBoo
 fn problem_of(error: &ProgramError, line: u32) -> String {
     match error {
         ProgramError::Text { diagnostic, .. } if diagnostic.code == Code::Interrupted => format!(
-            "the lines before line {line} were interpreted for {} s, as far as line {}, and it was not reached; choose an earlier line",
+            "the lines before line {line} were interpreted for {} s, as far as line {}, and it was not \
+             reached; choose an earlier line",
             PATIENCE.as_secs(),
             diagnostic.line
         ),
@@ -169,7 +170,8 @@ mod tests {
     #[test]
     fn the_way_to_a_line_is_bounded_by_time() {
         // Some hundred million lines, each with a move.
-        let long = "G21 G90 G1 F1000\n#1=0\no1 while [#1 LT 100000000]\n#1=[#1+1]\nG1 X[#1/10000000]\no1 endwhile\nG0 Z5\nM2\n";
+        let long = "G21 G90 G1 F1000\n#1=0\no1 while [#1 LT 100000000]\n#1=[#1+1]\nG1 X[#1/10000000]\n\
+                    o1 endwhile\nG0 Z5\nM2\n";
         let begun = std::time::Instant::now();
         let info = told(long, 7, true);
         assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());

@@ -31,8 +31,8 @@ use crate::upload::upload;
 /// Maximum size of a page's message.
 const MAX_MESSAGE: usize = 16 << 10;
 /// Shown if no page was built.
-const NO_PAGE: &str = "<!doctype html><title>Evolvent</title><p>The page of the screen is not part of this program: see \
-     crates/app/screen/page.</p>";
+const NO_PAGE: &str = "<!doctype html><title>Evolvent</title><p>The page of the screen is not part of this \
+     program: see crates/app/screen/page.</p>";
 
 #[derive(RustEmbed)]
 #[folder = "page/dist"]

@@ -29,7 +29,8 @@ fn the_shipped_file_says_what_its_keys_say() {
 
 #[test]
 fn what_is_wrong_is_told_with_its_place() {
-    let good = "[[macro]]\nname = \"Park\"\nblocks = [\"G53 G0 Z0\"]\nconfirm = true\n\n[[macro]]\nname = \"Home\"\nblocks = [\"G28\"]\n";
+    let good = "[[macro]]\nname = \"Park\"\nblocks = [\"G53 G0 Z0\"]\nconfirm = true\n\n[[macro]]\n\
+                name = \"Home\"\nblocks = [\"G28\"]\n";
     let edits = [
         edit("name = \"Park\"", "name = \"\"", "name"),
         edit("name = \"Park\"", "name = \"  \"", "name"),

@@ -81,7 +81,8 @@ pub enum Excess {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum DesignError {
     /// The corrections need more than half of a limit.
-    #[error("axis {}: the corrections leave only {remaining:.6} of the {quantity:?} limit {limit} for the motion{}",
+    #[error("axis {}: the corrections leave only {remaining:.6} of the {quantity:?} limit {limit} for the \
+             motion{}",
         axis.letter(), near(*.position))]
     Reserve {
         /// The axis.
@@ -96,7 +97,8 @@ pub enum DesignError {
         position: Option<f64>,
     },
     /// A correction is steeper than that of any screw.
-    #[error("axis {}: near {position} the table changes by {slope:.4} mm per mm; at most {MAX_SLOPE} can be an error of a screw",
+    #[error("axis {}: near {position} the table changes by {slope:.4} mm per mm; at most {MAX_SLOPE} can be \
+             an error of a screw",
         axis.letter())]
     Slope {
         /// The axis.

@@ -103,7 +103,8 @@ pub fn within<T: Send + 'static>(
 pub fn no_reply(timeout: Duration) -> Error {
     let seconds = timeout.as_secs_f64();
     let text = format!(
-        "no reply within {seconds} s; the network drive does not respond or another program holds the file: copy it to a local disk"
+        "no reply within {seconds} s; the network drive does not respond or another program holds the file: \
+         copy it to a local disk"
     );
     Error::new(ErrorKind::TimedOut, text)
 }

@@ -42,7 +42,8 @@ pub enum MachineError {
 pub enum PeriodError {
     /// The rate is out of range.
     #[error(
-        "a control rate of {rate_hz} Hz is outside {MIN_RATE_HZ} to {MAX_RATE_HZ} Hz: choose one between, or \"rational\""
+        "a control rate of {rate_hz} Hz is outside {MIN_RATE_HZ} to {MAX_RATE_HZ} Hz: choose one between, \
+         or \"rational\""
     )]
     OutOfBounds {
         /// The requested rate, Hz.

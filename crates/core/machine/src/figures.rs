@@ -100,7 +100,8 @@ fn draw(
     root.fill(&WHITE)?;
     let (head, body) = root.split_vertically(HEAD_PX);
     let heading = format!(
-        "Rational control rate {} Hz, needed at R {} mm and F {} mm/min, for {} increments/mm, chord error {}",
+        "Rational control rate {} Hz, needed at R {} mm and F {} mm/min, for {} increments/mm, chord error \
+         {}",
         figure(rate.rate_hz),
         figure(rate.radius_mm),
         figure(rate.feed_mm_min),

@@ -94,8 +94,8 @@ pub enum RateError {
     NoLimit,
     /// The minimum radius is so small that its whole circle is within the permitted error.
     #[error(
-        "the minimum radius is {min_radius_mm} mm, but on a radius of {min_mm} mm or less a chord cannot deviate by \
-         {permitted_error_increments} increments: give a larger radius"
+        "the minimum radius is {min_radius_mm} mm, but on a radius of {min_mm} mm or less a chord cannot \
+         deviate by {permitted_error_increments} increments: give a larger radius"
     )]
     RadiusWithinError {
         /// The minimum radius, mm.

@@ -62,7 +62,8 @@ pub(crate) fn drive_monitoring_is_read_and_has_defaults() {
     let text = GOOD.replace(
         "home_mm = 1.5",
         "home_mm = 1.5\nfollowing_error_mm = 0.1\nfollowing_time_ms = 5",
-    ) + "following_error_deg = 2\n[drives]\nfeedback = \"required\"\nfeedback_timeout_ms = 8\nfollow_clock = false\n";
+    ) + "following_error_deg = 2\n[drives]\nfeedback = \"required\"\nfeedback_timeout_ms = 8\n\
+         follow_clock = false\n";
     let machine = Machine::parse(&text, "full.toml").unwrap();
     assert_eq!(machine.drives.feedback, FeedbackMode::Required);
     assert_eq!(machine.drives.feedback_timeout_s, 0.008);

@@ -13,12 +13,12 @@ use evolvent_path::{Axes, Jet};
 
 const HEAD: &str =
     "name = \"m\"\nkind = \"mill\"\nincrements_per_mm = 1000\nincrements_per_degree = 1000\nrate = 1000.0\n";
-const X: &str = "[[axis]]\nletter = \"X\"\ntravel_min_mm = -200\ntravel_max_mm = 200\nmax_velocity_mm_s = 100\n\
-                 max_acceleration_m_s2 = 2\nmax_jerk_m_s3 = 100\n";
-const A: &str = "[[axis]]\nletter = \"A\"\ntravel_min_deg = -200\ntravel_max_deg = 200\nmax_velocity_deg_s = 100\n\
-                 max_acceleration_deg_s2 = 2000\nmax_jerk_deg_s3 = 100000\n";
-const Y: &str = "[[axis]]\nletter = \"Y\"\ntravel_min_mm = -200\ntravel_max_mm = 200\nmax_velocity_mm_s = 100\n\
-                 max_acceleration_m_s2 = 2\nmax_jerk_m_s3 = 100\n";
+const X: &str = "[[axis]]\nletter = \"X\"\ntravel_min_mm = -200\ntravel_max_mm = 200\n\
+                 max_velocity_mm_s = 100\nmax_acceleration_m_s2 = 2\nmax_jerk_m_s3 = 100\n";
+const A: &str = "[[axis]]\nletter = \"A\"\ntravel_min_deg = -200\ntravel_max_deg = 200\n\
+                 max_velocity_deg_s = 100\nmax_acceleration_deg_s2 = 2000\nmax_jerk_deg_s3 = 100000\n";
+const Y: &str = "[[axis]]\nletter = \"Y\"\ntravel_min_mm = -200\ntravel_max_mm = 200\n\
+                 max_velocity_mm_s = 100\nmax_acceleration_m_s2 = 2\nmax_jerk_m_s3 = 100\n";
 
 /// A machine whose axis has these keys; every file that it names has this content.
 fn with_table(axis: &str, keys: &str, content: &str) -> Result<Machine, MachineError> {
@@ -57,7 +57,8 @@ fn assert_corrections(machine: &Machine, axis: usize, expected: &[(f64, f64, f64
 
 #[test]
 fn tables_of_all_formats_are_read_into_corrections() {
-    let csv = "\u{feff}position_mm,forward_error_um,reverse_error_um\r\n-100, 3, -2.5\r\n\r\n# warm\r\n0,0,-5\r\n100,-4,-9\r\n";
+    let csv = "\u{feff}position_mm,forward_error_um,reverse_error_um\r\n-100, 3, -2.5\r\n\r\n# warm\r\n\
+               0,0,-5\r\n100,-4,-9\r\n";
     let machine = with_table(X, "screw_table = \"x.csv\"", csv).unwrap();
     let expected = [
         (-100.0, -0.003, 0.0025),

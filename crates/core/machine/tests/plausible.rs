@@ -97,7 +97,8 @@ fn limits_of_no_machine_are_warned_of_at_their_key() {
 fn a_switch_that_the_search_does_not_reach_is_warned_of() {
     let homed = |keys: &str| {
         format!(
-            "{FILE}[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 20\nlatch_mm_s = 2\n{keys}\n"
+            "{FILE}[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 20\nlatch_mm_s = 2\n\
+             {keys}\n"
         )
     };
     for keys in ["switch_mm = -5", "switch_mm = 439", "switch_mm = -40"] {

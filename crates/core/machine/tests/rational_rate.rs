@@ -273,8 +273,9 @@ fn periods_are_whole_nanoseconds_rounded_down() {
 fn the_loop_runs_between_250_hz_and_35_khz() {
     let machine = |rate: &str, acceleration: &str, k: f64| {
         let text = format!(
-            "name = \"m\"\nkind = \"mill\"\nincrements_per_mm = {k}\nrate = {rate}\n[[axis]]\nletter = \"X\"\n\
-         travel_min_mm = -1\ntravel_max_mm = 1\nmax_velocity_mm_s = 1e5\n{acceleration}\nmax_jerk_m_s3 = 1e5\n"
+            "name = \"m\"\nkind = \"mill\"\nincrements_per_mm = {k}\nrate = {rate}\n[[axis]]\n\
+         letter = \"X\"\ntravel_min_mm = -1\ntravel_max_mm = 1\nmax_velocity_mm_s = 1e5\n{acceleration}\n\
+         max_jerk_m_s3 = 1e5\n"
         );
         Machine::parse(&text, "m.toml").unwrap()
     };
@@ -345,7 +346,8 @@ proptest! {
         let error = chord_error_increments(feed * (1.0 - 1e-14), rate_hz, radius_mm, k);
         let expected = permitted.min(radius_increments);
         // Where the chord is nearly a diameter the error is steep in the feed: sqrt(2 * 1e-14) of the radius.
-        prop_assert!((error / expected - 1.0).abs() < 1e-6, "error {error} of {expected}, R k = {radius_increments}");
+        prop_assert!((error / expected - 1.0).abs() < 1e-6, "error {error} of {expected}, R k = \
+                                                             {radius_increments}");
         prop_assert!(error <= permitted * (1.0 + 1e-12));
         prop_assert!((rate_for(feed, radius_mm, k, permitted) / rate_hz - 1.0).abs() < 1e-12);
     }

@@ -6,7 +6,8 @@ use evolvent_path::AxisLetter;
 use crate::common::GOOD;
 
 /// A rotary axis without its travel.
-const TABLE: &str = "[[axis]]\nletter = \"C\"\nmax_velocity_deg_s = 360\nmax_acceleration_deg_s2 = 720\nmax_jerk_deg_s3 = 7200\n";
+const TABLE: &str = "[[axis]]\nletter = \"C\"\nmax_velocity_deg_s = 360\nmax_acceleration_deg_s2 = 720\n\
+                     max_jerk_deg_s3 = 7200\n";
 
 #[test]
 fn an_unlimited_axis_needs_no_travel_and_takes_none() {

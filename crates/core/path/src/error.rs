@@ -38,7 +38,8 @@ pub enum CurveError {
     ZeroLength,
     /// The radius at the start or at the end is zero or too small.
     #[error(
-        "the arc's radius is {start_radius_mm} mm at its start and {end_radius_mm} mm at its end: move the centre so that both are at least {MIN_RADIUS_MM:e} mm"
+        "the arc's radius is {start_radius_mm} mm at its start and {end_radius_mm} mm at its end: move the \
+         centre so that both are at least {MIN_RADIUS_MM:e} mm"
     )]
     Radius {
         /// Distance from the centre to the start in mm.

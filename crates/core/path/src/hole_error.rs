@@ -34,7 +34,8 @@ pub enum HoleError {
     },
     /// The allowance is negative or leaves nothing to mill.
     #[error(
-        "an allowance of {allowance_mm} mm is impossible: the tool has {limit_mm} mm of clearance, so give at least 0 and less than that"
+        "an allowance of {allowance_mm} mm is impossible: the tool has {limit_mm} mm of clearance, so give \
+         at least 0 and less than that"
     )]
     Allowance {
         /// The requested allowance in mm.
@@ -58,7 +59,8 @@ pub enum HoleError {
     },
     /// The pitch is larger than the tool diameter.
     #[error(
-        "a pitch of {pitch_mm} mm leaves material between the turns of a tool of {tool_mm} mm: reduce the pitch or increase the number of turns"
+        "a pitch of {pitch_mm} mm leaves material between the turns of a tool of {tool_mm} mm: reduce the \
+         pitch or increase the number of turns"
     )]
     PitchTooWide {
         /// The actual pitch in mm.
@@ -74,7 +76,8 @@ pub enum HoleError {
     },
     /// The start point is not inside the final circle.
     #[error(
-        "the start is {distance_mm} mm from the hole's centre, but the tool's centre moves on a circle of {limit_mm} mm: start inside it"
+        "the start is {distance_mm} mm from the hole's centre, but the tool's centre moves on a circle of \
+         {limit_mm} mm: start inside it"
     )]
     StartOutside {
         /// Distance from the centre of the hole in mm.
@@ -84,7 +87,8 @@ pub enum HoleError {
     },
     /// The radius of curvature at the start is not below that of the final circle.
     #[error(
-        "a start with a radius of curvature of {radius_mm} mm is impossible: give at least 0 and less than the final circle's {limit_mm} mm"
+        "a start with a radius of curvature of {radius_mm} mm is impossible: give at least 0 and less than \
+         the final circle's {limit_mm} mm"
     )]
     StartRadius {
         /// The requested radius of curvature in mm.
@@ -94,7 +98,8 @@ pub enum HoleError {
     },
     /// The involute cannot have this length.
     #[error(
-        "an involute of {length_mm} mm is impossible here: give more than 0 and at most {limit_mm} mm, or more turns"
+        "an involute of {length_mm} mm is impossible here: give more than 0 and at most {limit_mm} mm, or \
+         more turns"
     )]
     StartLength {
         /// The requested length in mm.
@@ -104,7 +109,8 @@ pub enum HoleError {
     },
     /// Depths and step contradict each other.
     #[error(
-        "depths from {top_mm} mm to {bottom_mm} mm in steps of {step_mm} mm are impossible: the bottom must be below the top and the step positive"
+        "depths from {top_mm} mm to {bottom_mm} mm in steps of {step_mm} mm are impossible: the bottom must \
+         be below the top and the step positive"
     )]
     Depth {
         /// The top in mm.

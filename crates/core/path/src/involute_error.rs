@@ -20,7 +20,8 @@ pub enum InvoluteError {
     },
     /// The base circle is not usable.
     #[error(
-        "the base circle has its centre at ({first}, {second}) mm and a radius of {base_radius_mm} mm: give two finite coordinates and a radius of at least {MIN_RADIUS_MM:e} mm"
+        "the base circle has its centre at ({first}, {second}) mm and a radius of {base_radius_mm} mm: give \
+         two finite coordinates and a radius of at least {MIN_RADIUS_MM:e} mm"
     )]
     BaseCircle {
         /// Centre along the plane's first axis in mm.
@@ -41,7 +42,8 @@ pub enum InvoluteError {
     },
     /// The start is inside the base circle, where no involute exists.
     #[error(
-        "the start is {radius_mm} mm from the centre of the base circle, inside its radius of {base_radius_mm} mm: move the start outwards or reduce the base circle"
+        "the start is {radius_mm} mm from the centre of the base circle, inside its radius of \
+         {base_radius_mm} mm: move the start outwards or reduce the base circle"
     )]
     StartInside {
         /// Distance from the centre of the base circle in mm.
@@ -51,7 +53,8 @@ pub enum InvoluteError {
     },
     /// The end is inside the base circle, where no involute exists.
     #[error(
-        "the end is {radius_mm} mm from the centre of the base circle, inside its radius of {base_radius_mm} mm: move the end outwards or reduce the base circle"
+        "the end is {radius_mm} mm from the centre of the base circle, inside its radius of \
+         {base_radius_mm} mm: move the end outwards or reduce the base circle"
     )]
     EndInside {
         /// Distance from the centre of the base circle in mm.
@@ -61,7 +64,8 @@ pub enum InvoluteError {
     },
     /// Start and end are equally far from the centre of the base circle.
     #[error(
-        "start and end are {start_radius_mm} mm and {end_radius_mm} mm from the centre of the base circle, but an involute changes that distance: use G2 or G3 for a circle"
+        "start and end are {start_radius_mm} mm and {end_radius_mm} mm from the centre of the base circle, \
+         but an involute changes that distance: use G2 or G3 for a circle"
     )]
     EqualRadii {
         /// Distance of the start in mm.
@@ -77,7 +81,9 @@ pub enum InvoluteError {
     },
     /// The end point is not on the involute through the start.
     #[error(
-        "the end point is {distance_mm} mm off the involute through the start, more than the tolerance of {tolerance_mm} mm: it is {end_radius_mm} mm from the centre of the base circle, where the involute in the same direction is at {involute_radius_mm} mm"
+        "the end point is {distance_mm} mm off the involute through the start, more than the tolerance of \
+         {tolerance_mm} mm: it is {end_radius_mm} mm from the centre of the base circle, where the involute \
+         in the same direction is at {involute_radius_mm} mm"
     )]
     OffInvolute {
         /// Distance of the end point from the involute in mm.

@@ -53,21 +53,26 @@ alarms! {
     /// A user-defined M code has failed.
     UserCommand = 102, Fault, "one of M100 to M199 has failed; see what it says, then clear the alarms";
     /// A tool change was not finished.
-    ToolChange = 103, Fault, "a tool change was broken off and the tool in the spindle is not known; look, clear the alarms, and name it by M61";
+    ToolChange = 103, Fault, "a tool change was broken off and the tool in the spindle is not known; look, \
+                              clear the alarms, and name it by M61";
     /// The guard refused a setpoint that would have broken a limit.
-    Guard = 200, Fault, "the guard refused a setpoint and the machine was stopped; please report it with the trace";
+    Guard = 200, Fault, "the guard refused a setpoint and the machine was stopped; please report it with \
+                         the trace";
     /// The planner ended without completing its plan.
     Planner = 201, Fault, "the planner ended without completing its plan; the machine stopped on the path";
     /// A job did not begin where the axes stand.
-    Handover = 202, Fault, "a job did not begin where the axes stand and was not taken up; please report it with the trace";
+    Handover = 202, Fault, "a job did not begin where the axes stand and was not taken up; please report it \
+                            with the trace";
     /// The queue of orders to the cycle was full.
-    OrdersLost = 203, Fault, "more was ordered than the cycle took, so the emergency stop was set; see which client sends so much, and `evolvent doctor`";
+    OrdersLost = 203, Fault, "more was ordered than the cycle took, so the emergency stop was set; see \
+                              which client sends so much, and `evolvent doctor`";
     /// Too many setpoints in a row left after they were due.
     Lateness = 300, Fault, "too many setpoints in a row left late; run `evolvent doctor`, or lower the rate";
     /// No feedback ever came.
     NoFeedback = 400, Fault, "no feedback comes; start the drive bridge, or see why it does not answer";
     /// Feedback came, and comes no more.
-    FeedbackStale = 401, Fault, "the bridge has stopped answering; see whether it runs, then clear the alarms";
+    FeedbackStale = 401, Fault, "the bridge has stopped answering; see whether it runs, then clear the \
+                                 alarms";
     /// Messages come, but their samples do not grow younger.
     FeedbackFrozen = 402, Fault, "the bridge repeats itself; it runs without its drives, check the fieldbus";
     /// An axis moves and its encoder shows the same number.
@@ -79,9 +84,11 @@ alarms! {
     /// A drive is in fault.
     DriveFault = 406, Fault, "a drive is in fault; see its own message, then clear the alarms and switch on";
     /// A drive left operation by itself.
-    DriveOff = 407, Fault, "a drive has switched off by itself; check its enabling input and its supply, or switch on again after homing by the drive";
+    DriveOff = 407, Fault, "a drive has switched off by itself; check its enabling input and its supply, or \
+                            switch on again after homing by the drive";
     /// The drives were not enabled in time.
-    NotEnabled = 408, Fault, "the drives were not enabled in time; check supply, safety circuit and bridge, and whether they home by themselves";
+    NotEnabled = 408, Fault, "the drives were not enabled in time; check supply, safety circuit and bridge, \
+                              and whether they home by themselves";
     /// The actual position jumped.
     PositionJump = 409, Fault, "the actual position jumped; check encoder and cable, and home again";
     /// The following error is too large.
@@ -89,7 +96,8 @@ alarms! {
     /// A limit switch was run onto.
     LimitSwitch = 411, Fault, "a limit switch was run onto; clear the alarms and jog off it the other way";
     /// The bridge was started again under power.
-    BridgeRestarted = 412, Fault, "the bridge was restarted under power; switch on again, and home if positions are lost";
+    BridgeRestarted = 412, Fault, "the bridge was restarted under power; switch on again, and home if \
+                                   positions are lost";
     /// The bridge stopped following.
     BridgeStopped = 413, Fault, "the bridge has stopped the axes by itself; it got no usable setpoints";
     /// Replies without a request.
@@ -97,7 +105,8 @@ alarms! {
     /// Positions are named by another datum.
     Datum = 415, Fault, "the bridge names positions by another datum; home again";
     /// A sample is from the future.
-    FeedbackAhead = 416, Fault, "the feedback's time is ahead of this computer's clock; fix the bridge's clock";
+    FeedbackAhead = 416, Fault, "the feedback's time is ahead of this computer's clock; fix the bridge's \
+                                 clock";
     /// Feedback says what cannot be.
     FeedbackUnbelievable = 417, Fault, "the feedback has a value that cannot be; check encoder and bridge";
     /// Axes are not homed any more.
@@ -107,13 +116,17 @@ alarms! {
     /// The home switch does not release.
     HomeSwitchStuck = 421, Fault, "the home switch does not release; see its wiring";
     /// The index pulse did not come within its distance.
-    IndexMissing = 422, Fault, "the index pulse of an encoder did not come within its distance; see its wire and the bridge";
+    IndexMissing = 422, Fault, "the index pulse of an encoder did not come within its distance; see its \
+                                wire and the bridge";
     /// The encoder does not know machine zero.
-    NotAbsolute = 423, Fault, "an encoder does not say that it counts from machine zero; see its battery and its drive";
+    NotAbsolute = 423, Fault, "an encoder does not say that it counts from machine zero; see its battery \
+                               and its drive";
     /// The emergency-stop chain is open, or not known.
-    EmergencyStopChain = 430, Fault, "the emergency-stop chain is open, or nobody reads it; close it, see that its bridge runs, then reset";
+    EmergencyStopChain = 430, Fault, "the emergency-stop chain is open, or nobody reads it; close it, see \
+                                      that its bridge runs, then reset";
     /// A spindle's drive is in fault, or its feedback has stopped.
-    Spindle = 440, Fault, "a spindle is in fault, or its feedback has stopped; see its drive and its bridge, then start again";
+    Spindle = 440, Fault, "a spindle is in fault, or its feedback has stopped; see its drive and its \
+                           bridge, then start again";
     /// The cutting load was above its limit.
     CuttingLoad = 500, Fault, "the cutting load was too high; look at tool and stock, then start again";
     /// The load sensor cannot be believed.
@@ -169,19 +182,23 @@ alarms! {
     /// The program is still being checked.
     Checking = 926, Rejection, "the program is still being checked; start it when that is done";
     /// The loaded program may not be the one that is meant.
-    OtherProgram = 927, Rejection, "another program is loaded than the one that is meant; load it, or name what is loaded";
+    OtherProgram = 927, Rejection, "another program is loaded than the one that is meant; load it, or name \
+                                    what is loaded";
     /// The emergency-stop chain is open.
-    ChainOpen = 928, Rejection, "the emergency-stop chain is open, or nobody reads it; close it, and see that its bridge runs";
+    ChainOpen = 928, Rejection, "the emergency-stop chain is open, or nobody reads it; close it, and see \
+                                 that its bridge runs";
     /// The machine file has no such output.
     NoSignal = 929, Rejection, "the machine file has no output of this name";
     /// The tool in the spindle is not known.
-    ToolUnknown = 930, Rejection, "a tool change was broken off and the tool in the spindle is not known; look, and name it by M61";
+    ToolUnknown = 930, Rejection, "a tool change was broken off and the tool in the spindle is not known; \
+                                   look, and name it by M61";
     /// HANDWHEEL on a machine without one, or whose wheel has switches.
     NoHandwheel = 931, Rejection, "the machine file has no [handwheel]; add it, or jog by command";
     /// RESUME or STEP while the axes are away from the program.
     OffPath = 932, Rejection, "the axes are away from the program; drive back with `return`, then resume";
     /// The program does not stand where it can be left.
-    CannotLeave = 933, Rejection, "the program does not stand where it can be left; hold it, and wait until the axes rest";
+    CannotLeave = 933, Rejection, "the program does not stand where it can be left; hold it, and wait until \
+                                   the axes rest";
     /// The path does not go so far back, or cannot be driven backwards from here.
     CannotRetrace = 934, Rejection, "the path cannot be driven so far back";
 }

@@ -227,7 +227,8 @@ impl OperatorState {
         let loaded = self.program.as_deref()?;
         if meant.is_empty() && self.load_failed {
             return Some(format!(
-                "the last LOAD was rejected, and {loaded} is still loaded: load again, or name {loaded} to start it"
+                "the last LOAD was rejected, and {loaded} is still loaded: load again, or name {loaded} to \
+                 start it"
             ));
         }
         (!meant.is_empty() && meant != loaded)

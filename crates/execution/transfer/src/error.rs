@@ -98,7 +98,8 @@ pub enum TransferError {
     },
     /// A position is outside the travel.
     #[error(
-        "axis {} at the {place} is at {position}, outside its travel of {min} to {max}; choose another position",
+        "axis {} at the {place} is at {position}, outside its travel of {min} to {max}; choose another \
+         position",
         .axis.letter()
     )]
     OutsideTravel {
@@ -115,8 +116,8 @@ pub enum TransferError {
     },
     /// Any move between the two states that was found leaves the travel on its way.
     #[error(
-        "on its way axis {} would go to {position}, outside its travel of {min} to {max}: it is too fast to turn \
-         round before; start slower or further inside", .axis.letter()
+        "on its way axis {} would go to {position}, outside its travel of {min} to {max}: it is too fast to \
+         turn round before; start slower or further inside", .axis.letter()
     )]
     LeavesTravel {
         /// The axis.
@@ -145,8 +146,8 @@ pub enum TransferError {
     },
     /// Axes that move by themselves arrive at different times, so they cannot arrive moving.
     #[error(
-        "without synchronisation axes arrive at different times, so all must end at rest, but axis {} is to end at \
-         velocity {velocity} and acceleration {acceleration}; synchronise in time", .axis.letter()
+        "without synchronisation axes arrive at different times, so all must end at rest, but axis {} is to \
+         end at velocity {velocity} and acceleration {acceleration}; synchronise in time", .axis.letter()
     )]
     ArrivesMoving {
         /// The axis.
@@ -158,8 +159,8 @@ pub enum TransferError {
     },
     /// Neither ruckig nor the move that takes its place could be verified.
     #[error(
-        "no move within the limits was found: that of axis {} reaches a {quantity} of {value} (limit {limit}); \
-         please report these states and limits, and stop first", .axis.letter()
+        "no move within the limits was found: that of axis {} reaches a {quantity} of {value} (limit \
+         {limit}); please report these states and limits, and stop first", .axis.letter()
     )]
     Unsolved {
         /// The axis that failed.

@@ -88,8 +88,8 @@ pub enum BridgeError {
     Privileges(std::io::Error),
     /// The bus has moved where the bridge may not go any more.
     #[error(
-        "the bus's folder {folder} was made, or made again, after the bridge had given up its rights to other folders: start the \
-         bridge again"
+        "the bus's folder {folder} was made, or made again, after the bridge had given up its rights to \
+         other folders: start the bridge again"
     )]
     Folder {
         /// The folder.

@@ -55,7 +55,8 @@ pub(crate) fn confine(role: ThreadRole, folders: &[PathBuf]) -> io::Result<Vec<S
     match restrict_files(role, folders) {
         Ok(RulesetStatus::FullyEnforced | RulesetStatus::PartiallyEnforced) => {}
         Ok(RulesetStatus::NotEnforced) => gaps.push(
-            "files are not confined: this kernel has no landlock, or was started without it (lsm=landlock,...)"
+            "files are not confined: this kernel has no landlock, or was started without it \
+             (lsm=landlock,...)"
                 .to_owned(),
         ),
         Err(error) => gaps.push(format!("files are not confined: {error}")),

@@ -105,7 +105,8 @@ fn speed_and_errors(folder: &Path, findings: &mut Vec<CardFinding>) {
         let duplex = line(folder.join("duplex")).unwrap_or_default();
         let is_slow = speed < 100 || duplex == "half";
         let wrong = is_slow.then(|| {
-            let advice = "at least 100 Mb/s full duplex is needed: replace the cable, and enable autonegotiation at both ends";
+            let advice = "at least 100 Mb/s full duplex is needed: replace the cable, and enable \
+                          autonegotiation at both ends";
             (CardVerdict::Bad, advice.to_owned())
         });
         findings.push(finding("speed", format!("{speed} Mb/s, {duplex} duplex"), wrong));
@@ -132,7 +133,8 @@ fn speed_and_errors(folder: &Path, findings: &mut Vec<CardFinding>) {
         texts.join(", ")
     };
     let wrong = (!counted.is_empty()).then(|| {
-        let advice = "counted since the interface was created: if they increase while the machine runs, replace cable or card";
+        let advice = "counted since the interface was created: if they increase while the machine runs, \
+                      replace cable or card";
         (CardVerdict::Fair, advice.to_owned())
     });
     findings.push(finding("errors", value, wrong));

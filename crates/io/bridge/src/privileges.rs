@@ -23,9 +23,9 @@ pub(crate) fn raise_priority(priority: u8) -> Result<(), String> {
         .current
         .map_or("unlimited".to_owned(), |limit| limit.to_string());
     Err(format!(
-        "no real-time scheduling of the bridge at priority {priority} ({cause}; `ulimit -r` is {limit}), so other work on this \
-         computer stops the machine: set `rtprio {priority}` in /etc/security/limits.conf (LimitRTPRIO={priority} under systemd) \
-         or grant CAP_SYS_NICE"
+        "no real-time scheduling of the bridge at priority {priority} ({cause}; `ulimit -r` is {limit}), so \
+         other work on this computer stops the machine: set `rtprio {priority}` in \
+         /etc/security/limits.conf (LimitRTPRIO={priority} under systemd) or grant CAP_SYS_NICE"
     ))
 }
 
@@ -43,16 +43,16 @@ pub(crate) fn lock_memory() -> Result<(), String> {
         };
         setrlimit(Resource::Memlock, none).map_err(|_not_permitted| {
             format!(
-                "memory of the bridge is not locked: the limit is {} KiB and must be unlimited; set `memlock unlimited` in \
-                 /etc/security/limits.conf (LimitMEMLOCK=infinity under systemd)",
+                "memory of the bridge is not locked: the limit is {} KiB and must be unlimited; set \
+                 `memlock unlimited` in /etc/security/limits.conf (LimitMEMLOCK=infinity under systemd)",
                 bytes / 1024
             )
         })?;
     }
     mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|cause| {
         format!(
-            "memory of the bridge is not locked ({cause}): set `memlock unlimited` in /etc/security/limits.conf \
-             (LimitMEMLOCK=infinity under systemd)"
+            "memory of the bridge is not locked ({cause}): set `memlock unlimited` in \
+             /etc/security/limits.conf (LimitMEMLOCK=infinity under systemd)"
         )
     })
 }

@@ -191,7 +191,8 @@ fn c_struct(out: &mut String, layout: &StructLayout) {
         push(
             out,
             format_args!(
-                "EVOLVENT_STATIC_ASSERT(offsetof({c_name}, {field}) == {offset_bytes}, \"offset of {name}.{field}\");\n"
+                "EVOLVENT_STATIC_ASSERT(offsetof({c_name}, {field}) == {offset_bytes}, \"offset of \
+                 {name}.{field}\");\n"
             ),
         );
     }
@@ -201,16 +202,15 @@ fn c_struct(out: &mut String, layout: &StructLayout) {
 #[must_use]
 pub fn python_module() -> String {
     let mut out = format!(
-        "\"\"\"Layout of Evolvent's messages on iceoryx2, interface version {INTERFACE_VERSION}, and helpers to read them.\n\n\
-         Generated: do not edit, run `{COMMAND}`.\n\n\
+        "\"\"\"Layout of Evolvent's messages on iceoryx2, interface version {INTERFACE_VERSION}, and \
+         helpers to read them.\n\nGenerated: do not edit, run `{COMMAND}`.\n\n\
          Needs `pip install iceoryx2==0.10.0` for the helpers; the structures alone need nothing.\n\
-         Axes are in the order X Y Z A B C U V W.\n\"\"\"\n\n\
-         from __future__ import annotations\n\nimport ctypes\nimport glob\nimport os\nimport stat\nimport time\nfrom typing import Any, Optional\n\n\
-         INTERFACE_VERSION = {INTERFACE_VERSION}\nAXES = {AXES}\n\
+         Axes are in the order X Y Z A B C U V W.\n\"\"\"\n\nfrom __future__ import annotations\n\n\
+         import ctypes\nimport glob\nimport os\nimport stat\nimport time\n\
+         from typing import Any, Optional\n\nINTERFACE_VERSION = {INTERFACE_VERSION}\nAXES = {AXES}\n\
          DIGITAL_SIGNALS = {DIGITAL_SIGNALS}\nANALOG_SIGNALS = {ANALOG_SIGNALS}\nSPINDLES = {SPINDLES}\n\
          PLACES_FOR_BRIDGES = {PLACES_FOR_BRIDGES}\nPLACES_FOR_OPERATORS = {PLACES_FOR_OPERATORS}\n\
-         ATTRIBUTE_INTERFACE = \"{ATTRIBUTE_INTERFACE}\"\n\
-         ATTRIBUTE_PERIOD = \"{ATTRIBUTE_PERIOD}\"\n\
+         ATTRIBUTE_INTERFACE = \"{ATTRIBUTE_INTERFACE}\"\nATTRIBUTE_PERIOD = \"{ATTRIBUTE_PERIOD}\"\n\
          ATTRIBUTE_AXES = \"{ATTRIBUTE_AXES}\"\n"
     );
     for (group, doc, entries) in constants() {

@@ -41,7 +41,8 @@ pub fn cores_of_other_users(prefix: Option<&str>) -> String {
         _ => "USER".to_owned(),
     };
     format!(
-        "; {who} on this computer: a bus belongs to one user, so run this as that user (`sudo -u {name} evolvent ...`)"
+        "; {who} on this computer: a bus belongs to one user, so run this as that user (`sudo -u {name} \
+         evolvent ...`)"
     )
 }
 

@@ -191,14 +191,14 @@ fn python_agrees_on_sizes_offsets_and_type_names() {
         return;
     };
     let script = "import evolvent_bus as bus, ctypes\n\
-        for t in (bus.Setpoint, bus.Status, bus.Feedback, bus.Load, bus.MachineOutputs, bus.MachineInputs, bus.SpindleFeedback, bus.ControlRequest, bus.ControlAnswer):\n\
-        \x20   print(t.__name__, ctypes.sizeof(t))\n\
-        \x20   for field in t._fields_:\n\
-        \x20       print(f'{t.__name__}.{field[0]} {getattr(t, field[0]).offset}')\n\
-        for t in (bus.Setpoint, bus.Status, bus.Feedback, bus.Load, bus.MachineOutputs, bus.MachineInputs, bus.SpindleFeedback, bus.ControlRequest, bus.ControlAnswer):\n\
-        \x20   m = t()\n\
-        \x20   assert (m.interface_version, m.struct_size) == (bus.INTERFACE_VERSION, ctypes.sizeof(t))\n\
-        \x20   print(t.type_name())\n";
+        for t in (bus.Setpoint, bus.Status, bus.Feedback, bus.Load, bus.MachineOutputs, bus.MachineInputs, \
+        bus.SpindleFeedback, bus.ControlRequest, bus.ControlAnswer):\n\x20   print(t.__name__, \
+        ctypes.sizeof(t))\n\x20   for field in t._fields_:\n\x20       print(f'{t.__name__}.{field[0]} \
+        {getattr(t, field[0]).offset}')\n\
+        for t in (bus.Setpoint, bus.Status, bus.Feedback, bus.Load, bus.MachineOutputs, bus.MachineInputs, \
+        bus.SpindleFeedback, bus.ControlRequest, bus.ControlAnswer):\n\x20   m = t()\n\x20   assert \
+        (m.interface_version, m.struct_size) == (bus.INTERFACE_VERSION, \
+        ctypes.sizeof(t))\n\x20   print(t.type_name())\n";
     let printed = Command::new(python)
         .env("PYTHONPATH", tools().join("python"))
         .args(["-B", "-c", script])

@@ -9,7 +9,8 @@ const fn fault_advice(error_code: u32) -> &'static str {
     match error_code {
         // CiA 402: communication. Bridges report it of every drive whose data they do not have.
         0x7500..=0x75FF => {
-            "its link to the bridge was lost, as may be that of other drives; see what the bridge says, check cables and supplies, reset"
+            "its link to the bridge was lost, as may be that of other drives; see what the bridge says, \
+             check cables and supplies, reset"
         }
         _ => "see the drive's manual, remove the cause, reset",
     }
@@ -214,8 +215,8 @@ pub enum DriveAlarm {
     },
     /// A field has an impossible value.
     #[error(
-        "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check {} and bridge, nothing of this message was \
-         used",
+        "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check {} and bridge, \
+         nothing of this message was used",
         axis.map(|axis| format!(" of axis {}", AxisLetter::letter_of(axis))).unwrap_or_default(),
         source_of(field)
     )]

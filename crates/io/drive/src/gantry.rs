@@ -42,8 +42,8 @@ impl fmt::Display for GantryFault {
             Self::Apart { difference } => write!(
                 f,
                 "the second drive is {difference:.3} from where it is on a square beam, more than \
-                 max_difference: all drives stop; find what holds it, then make the beam square by hand or home \
-                 again"
+                 max_difference: all drives stop; find what holds it, then make the beam square by hand or \
+                 home again"
             ),
             Self::SwitchMissing { side } => {
                 let [closed, missing] = if side == 0 {
@@ -53,9 +53,9 @@ impl fmt::Display for GantryFault {
                 };
                 write!(
                     f,
-                    "the home switch of the {missing} drive has not closed within max_difference of that of the \
-                     {closed}: all drives stop; check both switches and their wiring, then make the beam square by \
-                     hand and home again"
+                    "the home switch of the {missing} drive has not closed within max_difference of that of \
+                     the {closed}: all drives stop; check both switches and their wiring, then make the \
+                     beam square by hand and home again"
                 )
             }
         }

@@ -75,8 +75,8 @@ pub enum SpindleEncoderFault {
     },
     /// A pulse that is not whole turns away from the first.
     #[error(
-        "the index pulse came {counts} counts from its place: counts were lost, or one was added; check cable, shield and coupling, \
-         counts_per_rev and gear"
+        "the index pulse came {counts} counts from its place: counts were lost, or one was added; check \
+         cable, shield and coupling, counts_per_rev and gear"
     )]
     LostCounts {
         /// Counts away, in the direction of the spindle.
@@ -84,8 +84,8 @@ pub enum SpindleEncoderFault {
     },
     /// It turned for so long without a reading that its counter may have turned over unseen.
     #[error(
-        "its encoder was not read for {ms} ms, so its angle is unknown; check what suspended this computer's processes (`evolvent \
-         doctor`)"
+        "its encoder was not read for {ms} ms, so its angle is unknown; check what suspended this \
+         computer's processes (`evolvent doctor`)"
     )]
     Unread {
         /// How long.

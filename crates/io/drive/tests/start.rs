@@ -263,7 +263,8 @@ fn no_start_leaves_the_limits() {
         let most = [1.0 + START, 1.0 + START + rounding].map(|most| most * 1.02);
         assert!(
             ratios[0] <= most[0] && ratios[1] <= most[1],
-            "case {case}: {period_ns} ns, {limits:?}, moves from {moves_from}, enabled from {enabled_from}: {ratios:?}"
+            "case {case}: {period_ns} ns, {limits:?}, moves from {moves_from}, enabled from {enabled_from}: \
+             {ratios:?}"
         );
         // A core that already moves faster than a thousandth of the velocity of its axes is not followed.
         assert!(has_followed || moves_from < enabled_from + 2, "case {case}");

@@ -129,7 +129,8 @@ fn a_jump_that_persists_is_not_followed_at_rest() {
                 let target = bench.cycle((!is_lost).then_some(setpoint));
                 assert_eq!(
                     target.position[0], 0.0,
-                    "{period_ns} ns, {limits:?}, lead {lead}, {jump} mm, {lost} lost, queued {is_queued}, cycle {cycle}"
+                    "{period_ns} ns, {limits:?}, lead {lead}, {jump} mm, {lost} lost, queued {is_queued}, \
+                     cycle {cycle}"
                 );
                 has_held |= cycle > first && target.state == BridgeState::Holding;
             }

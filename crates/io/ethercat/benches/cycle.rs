@@ -32,7 +32,8 @@ const PRIORITY: i32 = 78;
 
 fn machine(axes: usize, rate_hz: u64) -> Machine {
     let mut text = format!(
-        "name = \"bench\"\nkind = \"mill\"\nincrements_per_mm = 1000\nincrements_per_degree = 1000\nrate = {rate_hz}\n"
+        "name = \"bench\"\nkind = \"mill\"\nincrements_per_mm = 1000\nincrements_per_degree = 1000\n\
+         rate = {rate_hz}\n"
     );
     for letter in LETTERS.chars().take(axes) {
         let (unit, speed) = if "ABC".contains(letter) {
@@ -46,8 +47,8 @@ fn machine(axes: usize, rate_hz: u64) -> Machine {
             ("m_s2 = 5", "m_s3 = 200")
         };
         text.push_str(&format!(
-            "[[axis]]\nletter = \"{letter}\"\ntravel_min_{unit} = -400\ntravel_max_{unit} = 400\nmax_velocity_{speed} = 30000\n\
-             max_acceleration_{acceleration}\nmax_jerk_{jerk}\n"
+            "[[axis]]\nletter = \"{letter}\"\ntravel_min_{unit} = -400\ntravel_max_{unit} = 400\n\
+             max_velocity_{speed} = 30000\nmax_acceleration_{acceleration}\nmax_jerk_{jerk}\n"
         ));
     }
     Machine::parse(&text, "bench.toml").expect("a machine")
@@ -77,7 +78,8 @@ fn network(axes: usize) -> Network {
             &format!("drive-{letter}"),
             0x402,
             &format!(
-                "axis = {{ letter = \"{letter}\", increments_per_turn = 1048576, turn_{unit} = 5, velocity_offset = true }}"
+                "axis = \
+                 {{ letter = \"{letter}\", increments_per_turn = 1048576, turn_{unit} = 5, velocity_offset = true }}"
             ),
         );
     }
@@ -246,7 +248,8 @@ fn line(name: &str, times: &[CycleTime], period_ns: u64) -> [f64; 3] {
         .count();
     let share = late as f64 / times.len().max(1) as f64;
     println!(
-        "  {name:<10} {:>8} | {:7.1} {:7.1} {:8.1} | {:7.1} {:7.1} | {:7.1} {:7.1} {:8.1} | {:7.1} {:7.1} | {:.4} %",
+        "  {name:<10} {:>8} | {:7.1} {:7.1} {:8.1} | {:7.1} {:7.1} | {:7.1} {:7.1} {:8.1} | {:7.1} {:7.1} | \
+         {:.4} %",
         times.len(),
         of(|time| time.processor_ns, 0.5),
         of(|time| time.processor_ns, 0.999),
@@ -319,7 +322,8 @@ fn measure(axes: usize, rate_hz: u64, seconds: u64) {
         let [bare_p50, bare_p999, bare_share] = line("bare loop", &bare, period_ns);
         let [p50, p999, share] = line("bridge", &times.cycles(), period_ns);
         println!(
-            "  bridge / bare, processor: p50 {:.2}, p99.9 {:.2}; beyond it: p50 {:.1} us, p99.9 {:.1} us; late {:+.4} %",
+            "  bridge / bare, processor: p50 {:.2}, p99.9 {:.2}; beyond it: p50 {:.1} us, p99.9 {:.1} us; \
+             late {:+.4} %",
             p50 / bare_p50,
             p999 / bare_p999,
             p50 - bare_p50,
@@ -327,7 +331,8 @@ fn measure(axes: usize, rate_hz: u64, seconds: u64) {
             100.0 * (share - bare_share),
         );
         println!(
-            "  drives in operation: {enabled}; frames lost {}, short {}; allocations and frees in the cycle: {}; ring frames {}",
+            "  drives in operation: {enabled}; frames lost {}, short {}; allocations and frees in the \
+             cycle: {}; ring frames {}",
             report.as_ref().map_or(0, |report| report.lost_frames),
             report.as_ref().map_or(0, |report| report.short_frames),
             times.counted(),

@@ -5,24 +5,27 @@ pub(crate) const fn what_to_check(code: u16) -> Option<&'static str> {
     Some(match code {
         0x0014 => "load its firmware with the vendor's tool",
         0x0015 | 0x0016 => {
-            "its mailbox is set up as its EEPROM says: check that its firmware and its EEPROM are of one revision"
+            "its mailbox is set up as its EEPROM says: check that its firmware and its EEPROM are of one \
+             revision"
         }
         0x0017 | 0x001C..=0x001E | 0x0024..=0x0026 => {
-            "compare its process data, which `--scan` lists, with those of the network file; `map = false` leaves the drive its own \
-             mapping"
+            "compare its process data, which `--scan` lists, with those of the network file; `map = false` \
+             leaves the drive its own mapping"
         }
         0x0018 => "its inputs are not ready: check sensors, encoder and main supply",
         0x0019 | 0x001B => {
-            "frames did not reach it in time: check the cable before it, the card and its driver (`evolvent doctor --network`)"
+            "frames did not reach it in time: check the cable before it, the card and its driver (`evolvent \
+             doctor --network`)"
         }
         0x001F => "its watchdog does not take the time that it was given: check its manual",
         0x0020..=0x0023 => "switch its supply off and on",
         0x0027 | 0x0028 => {
-            "it needs another synchronisation: set `distributed_clocks` in the network file as its manual says"
+            "it needs another synchronisation: set `distributed_clocks` in the network file as its manual \
+             says"
         }
         0x001A | 0x002C | 0x002D | 0x0030..=0x0034 => {
-            "SYNC0 does not come as it needs it: check `distributed_clocks` in the network file, and the jitter of frames \
-             (`evolvent doctor --network`)"
+            "SYNC0 does not come as it needs it: check `distributed_clocks` in the network file, and the \
+             jitter of frames (`evolvent doctor --network`)"
         }
         0x0035..=0x0037 => {
             "it does not support this period: set `rate` in the machine file to one that its manual lists"

@@ -73,8 +73,8 @@ pub enum FitError {
     },
     /// Object 60C2h cannot hold the period of the machine file's rate.
     #[error(
-        "the drives cannot be given the period of the machine file, {period_ns} ns ({rate}): object 60C2h holds a whole number from 1 to \
-         255 times a power of ten seconds; write rate = {usual_hz} there"
+        "the drives cannot be given the period of the machine file, {period_ns} ns ({rate}): object 60C2h \
+         holds a whole number from 1 to 255 times a power of ten seconds; write rate = {usual_hz} there"
     )]
     Period {
         /// The rate as the machine file gives it.
@@ -89,8 +89,8 @@ pub enum FitError {
     Rate(#[from] PeriodError),
     /// Both the core and the drive would home it.
     #[error(
-        "{letter} is homed by its drive and also by the core: write method = \"absolute\" in its [[homing]] of the machine file, or remove \
-         [device.axis.homing] here"
+        "{letter} is homed by its drive and also by the core: write method = \"absolute\" in its [[homing]] \
+         of the machine file, or remove [device.axis.homing] here"
     )]
     HomedTwice {
         /// The axis.
@@ -277,14 +277,15 @@ pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
         // Whatever a drive reports, nobody uses it.
     } else if !drives().any(|axis| axis.touch_probe) {
         notes.push(
-            "the machine file has [probe], and no drive of the network file has touch_probe = true: G38 ends with an error unless another \
-             bridge reports the probe"
+            "the machine file has [probe], and no drive of the network file has touch_probe = true: G38 \
+             ends with an error unless another bridge reports the probe"
                 .to_owned(),
         );
     } else if !drives().any(|axis| axis.probe_input_bit.is_some()) {
         notes.push(
-            "the machine file has [probe], and no drive of the network file has probe_input_bit, so whether the probe is open is unknown: G38 \
-             ends with an error unless another bridge reports it; give the bit of 60FDh to an axis whose drive has the probe"
+            "the machine file has [probe], and no drive of the network file has probe_input_bit, so whether \
+             the probe is open is unknown: G38 ends with an error unless another bridge reports it; give \
+             the bit of 60FDh to an axis whose drive has the probe"
                 .to_owned(),
         );
     }
@@ -295,8 +296,9 @@ pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
         if is_homed_by_drive && !machine.homing.iter().any(|homing| homing.axis == listed.letter) {
             let letter = listed.letter.letter();
             notes.push(format!(
-                "{letter} is homed by its drive and has no [[homing]] in the machine file: its coordinates jump as the drive finds its \
-                 zero, and the core no longer counts it as homed; write [[homing]] with axis = \"{letter}\" and method = \"absolute\""
+                "{letter} is homed by its drive and has no [[homing]] in the machine file: its coordinates \
+                 jump as the drive finds its zero, and the core no longer counts it as homed; write \
+                 [[homing]] with axis = \"{letter}\" and method = \"absolute\""
             ));
         }
     }
@@ -306,16 +308,17 @@ pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
         let drive = drives.find(|spindle| spindle.number == number as usize);
         notes.extend(match (listed.has_feedback(), drive) {
             (true, None) => Some(format!(
-                "spindle {number} has feedback = true in the machine file and no [device.spindle] in the network file: threads, M19 and \
-                 every feed behind M3 wait for another bridge that measures it"
+                "spindle {number} has feedback = true in the machine file and no [device.spindle] in the \
+                 network file: threads, M19 and every feed behind M3 wait for another bridge that measures \
+                 it"
             )),
             (false, Some(_)) => Some(format!(
-                "spindle {number} is measured by its drive, and nobody uses it: write feedback = true at its [[spindle]] in the machine \
-                 file"
+                "spindle {number} is measured by its drive, and nobody uses it: write feedback = true at \
+                 its [[spindle]] in the machine file"
             )),
             (true, Some(drive)) if !drive.knows_angle() => Some(format!(
-                "spindle {number} has neither index_probe nor absolute_zero: its speed is measured, but its angle is not known, and \
-                 threads and M19 are refused"
+                "spindle {number} has neither index_probe nor absolute_zero: its speed is measured, but its \
+                 angle is not known, and threads and M19 are refused"
             )),
             (true, Some(drive)) if drive.orientation.is_none() => Some(format!(
                 "spindle {number}: M19 is not possible, because nothing turns it to an angle (orientation)"

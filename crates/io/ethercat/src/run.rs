@@ -187,7 +187,8 @@ fn recording_text(trouble: DumpTrouble) -> String {
     let error = std::io::Error::from_raw_os_error;
     match trouble {
         DumpTrouble::HalfDropped { errno } => format!(
-            "the recording of the wire goes on without its older half: {}; make room on its disk, or record less (--dump-mib)",
+            "the recording of the wire goes on without its older half: {}; make room on its disk, or record \
+             less (--dump-mib)",
             error(errno)
         ),
         DumpTrouble::Ended { errno } => format!(
@@ -248,8 +249,8 @@ impl Hardware for RunSettings {
                     )
                 }
                 SpindleNotice::NotOriented => format!(
-                    "spindle {number}: M19 is not possible, because nothing turns it to an angle: give `orientation` at its \
-                     [device.spindle] of the network file"
+                    "spindle {number}: M19 is not possible, because nothing turns it to an angle: give \
+                     `orientation` at its [device.spindle] of the network file"
                 ),
             },
             Notice::DriveFault { axis, code } => {
@@ -264,8 +265,8 @@ impl Hardware for RunSettings {
             }
             Notice::Gantry { axis, fault } => format!("gantry of {}: {fault}", AxisLetter::letter_of(axis)),
             Notice::Squared { axis, by } => format!(
-                "gantry of {}: homed by both switches; the second drive was {by:.3} from where it is on a square \
-                 beam, and is moved there",
+                "gantry of {}: homed by both switches; the second drive was {by:.3} from where it is on a \
+                 square beam, and is moved there",
                 AxisLetter::letter_of(axis)
             ),
             Notice::Homed { axis, found: true } => {
@@ -286,7 +287,8 @@ impl Hardware for RunSettings {
             } => {
                 let vendor = self.network.devices.get(device).map_or(0, |device| device.vendor);
                 format!(
-                    "network: `{}` has sent an emergency message: {code:04X}h: {} (error register {register:02X}h)",
+                    "network: `{}` has sent an emergency message: {code:04X}h: {} (error register \
+                     {register:02X}h)",
                     self.name_of(device),
                     fault_text_of(vendor, code)
                 )
@@ -332,8 +334,8 @@ impl RunSettings {
             |ppm| format!("this computer's clock {ppm:+.1} ppm against the reference"),
         );
         format!(
-            "{difference}; frames {:+.1} us from the middle between two SYNC0, jitter {:.1} us (50 %), {:.1} us (99.9 %), {:.1} us \
-             (maximum); {drift}",
+            "{difference}; frames {:+.1} us from the middle between two SYNC0, jitter {:.1} us (50 %), \
+             {:.1} us (99.9 %), {:.1} us (maximum); {drift}",
             figures.shift_ns as f64 * 1e-3,
             us(figures.jitter_p50_ns),
             us(figures.jitter_p999_ns),

@@ -60,7 +60,8 @@ pub enum ScanError {
     },
     /// The library failed.
     #[error(
-        "a device sent data that the EtherCAT library cannot handle (such as a broken EEPROM): {what}; try again, or leave devices out one by one"
+        "a device sent data that the EtherCAT library cannot handle (such as a broken EEPROM): {what}; try \
+         again, or leave devices out one by one"
     )]
     Library {
         /// Its message.

@@ -32,12 +32,13 @@ fn cycles_neither_allocate_nor_free() {
         on_bench(devices, |ring| {
             ring.lock().expect("no panic").wire(5, 4);
             let machine = format!(
-                "input = [{{ name = \"echo\", number = 0 }}]\noutput = [{{ name = \"lamp\", number = 0 }}]\n{}",
+                "input = [{{ name = \"echo\", number = 0 }}]\noutput = [{{ name = \"lamp\", number = 0 }}]\n\
+                 {}",
                 evolvent_file_tests::shipped("machines/mill-ethercat.toml")
             );
             let network = format!(
-                "{}input = [{{ name = \"echo\", bit = 0 }}]\n[[device]]\nname = \"outputs\"\nvendor = 0x4556534D\n\
-                 product = 0x2008\noutput = [{{ name = \"lamp\", bit = 0 }}]\n",
+                "{}input = [{{ name = \"echo\", bit = 0 }}]\n[[device]]\nname = \"outputs\"\n\
+                 vendor = 0x4556534D\nproduct = 0x2008\noutput = [{{ name = \"lamp\", bit = 0 }}]\n",
                 evolvent_file_tests::shipped("networks/sim-mill.toml")
             );
             let prefix = format!("ecal{}_", std::process::id());

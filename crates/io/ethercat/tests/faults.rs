@@ -177,7 +177,8 @@ fn emergency_messages_at_start_are_told_and_the_network_comes_up() {
                 ring,
                 |core, _, messages| {
                     core.bring_up();
-                    let told = "`y-drive` has sent an emergency message: 7121h: motor: blocked, or commutation lost (error register 01h)";
+                    let told = "`y-drive` has sent an emergency message: 7121h: motor: blocked, or \
+                                commutation lost (error register 01h)";
                     assert!(messages.contain(told), "{messages:?}");
                 },
             );

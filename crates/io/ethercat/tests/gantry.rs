@@ -371,8 +371,9 @@ fn a_second_drive_needs_a_first_that_finds_its_zero_alike() {
     let text = evolvent_file_tests::shipped("networks/sim-mill.toml");
     let second = |letter: &str, more: &str| {
         format!(
-            "{text}\n[[device]]\nname = \"second\"\nvendor = 1\nproduct = 2\n[device.axis]\nletter = \"{letter}\"\n\
-             increments_per_turn = 1048576\nturn_mm = 5\n{more}\n[device.axis.gantry]\nmax_difference = 0.5\n"
+            "{text}\n[[device]]\nname = \"second\"\nvendor = 1\nproduct = 2\n[device.axis]\n\
+             letter = \"{letter}\"\nincrements_per_turn = 1048576\nturn_mm = 5\n{more}\n\
+             [device.axis.gantry]\nmax_difference = 0.5\n"
         )
     };
     assert!(Network::parse(&second("X", ""), "good.toml").is_ok());
@@ -391,13 +392,20 @@ fn a_second_drive_needs_a_first_that_finds_its_zero_alike() {
             "max_difference",
         ),
         (second("X", "home_switch_bit = 2"), "the other has none"),
-        (second("X", "touch_probe = true"), "give it to the first drive of the axis"),
         (
-            second("X", "").replace("letter = \"X\"", "letter = \"X\"\nhome_switch_bit = 2").replacen(
-                "[device.axis]\nletter = \"X\"\nhome_switch_bit = 2\nincrements_per_turn = 1048576\nturn_mm = 5\n\n[device.axis.gantry]",
-                "[device.axis]\nletter = \"X\"\nincrements_per_turn = 1048576\nturn_mm = 5\n\n[device.axis.gantry]",
-                1,
-            ),
+            second("X", "touch_probe = true"),
+            "give it to the first drive of the axis",
+        ),
+        (
+            second("X", "")
+                .replace("letter = \"X\"", "letter = \"X\"\nhome_switch_bit = 2")
+                .replacen(
+                    "[device.axis]\nletter = \"X\"\nhome_switch_bit = 2\nincrements_per_turn = 1048576\n\
+                 turn_mm = 5\n\n[device.axis.gantry]",
+                    "[device.axis]\nletter = \"X\"\nincrements_per_turn = 1048576\nturn_mm = 5\n\n\
+                 [device.axis.gantry]",
+                    1,
+                ),
             "the other has none",
         ),
         (

@@ -448,8 +448,8 @@ fn homing_on_the_drive_is_checked_and_never_twice() {
 #[test]
 fn homing_by_index_needs_a_latch() {
     let text = shipped("machines/mill-ethercat.toml")
-        + "\n[[homing]]\naxis = \"X\"\nmethod = \"index\"\ntowards = \"negative\"\nlatch_mm_s = 5\nindex_mm = 0\n\
-           index_within_mm = 6\n";
+        + "\n[[homing]]\naxis = \"X\"\nmethod = \"index\"\ntowards = \"negative\"\nlatch_mm_s = 5\n\
+           index_mm = 0\nindex_within_mm = 6\n";
     let machine = Machine::parse(&text, "machine.toml").expect("a machine");
     let network = shipped("networks/sim-mill.toml");
     let fit = |text: &str| {

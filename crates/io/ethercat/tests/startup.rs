@@ -99,7 +99,8 @@ fn a_device_that_refuses_safe_op_is_named_with_the_reason_and_the_remedy() {
         FaultKind::RefuseSafeOp,
         2,
         &[
-            "a device did not come into SAFE-OP: `y-drive` is in Pre-Operational (0x0024: Invalid Input Mapping): compare its process data",
+            "a device did not come into SAFE-OP: `y-drive` is in Pre-Operational (0x0024: Invalid Input \
+             Mapping): compare its process data",
             "which `--scan` lists",
         ],
     );
@@ -111,7 +112,8 @@ fn a_device_that_refuses_op_is_named_with_the_reason_and_the_remedy() {
         FaultKind::RefuseOp,
         3,
         &[
-            "a device did not come into OP: `z-drive` is in Safe-Operational (0x0035: DC Invalid Sync Cycle Time): it does not support this period",
+            "a device did not come into OP: `z-drive` is in Safe-Operational (0x0035: DC Invalid Sync Cycle \
+             Time): it does not support this period",
             "set `rate` in the machine file",
         ],
     );

@@ -432,7 +432,8 @@ mod tests {
     fn servo_with(lines: &str) -> MesaAxis {
         let board = evolvent_file_tests::shipped("boards/7i96s-router.toml");
         let (head, _axes) = board.split_once("[[axis]]").expect("axes");
-        let axis = "[[axis]]\nletter = \"X\"\nencoder = 0\ncounts_per_unit = 4000\npwm = 0\nfull_velocity = 200\np_gain = 40\n";
+        let axis = "[[axis]]\nletter = \"X\"\nencoder = 0\ncounts_per_unit = 4000\npwm = 0\n\
+                    full_velocity = 200\np_gain = 40\n";
         let board =
             BoardSettings::parse(&format!("{head}{axis}{lines}"), "board.toml").expect("a board file");
         let limits = AxisLimits {

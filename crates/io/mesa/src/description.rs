@@ -156,8 +156,8 @@ pub struct Description {
 pub enum DescriptionError {
     /// No HostMot2.
     #[error(
-        "the cookie at 0100h is {found:08X}h instead of 55AACAFEh: the board has no HostMot2 configuration, or has started with \
-         none; write its bit file with `mesaflash`"
+        "the cookie at 0100h is {found:08X}h instead of 55AACAFEh: the board has no HostMot2 configuration, \
+         or has started with none; write its bit file with `mesaflash`"
     )]
     Cookie {
         /// The value found.
@@ -165,7 +165,8 @@ pub enum DescriptionError {
     },
     /// Another configuration.
     #[error(
-        "the configuration calls itself `{found}` instead of HOSTMOT2: write a HostMot2 bit file with `mesaflash`"
+        "the configuration calls itself `{found}` instead of HOSTMOT2: write a HostMot2 bit file with \
+         `mesaflash`"
     )]
     Configuration {
         /// Its name.
@@ -173,7 +174,8 @@ pub enum DescriptionError {
     },
     /// An unknown IDROM type.
     #[error(
-        "the IDROM is of type {found}, and 2 or 3 are known: the firmware is newer than this software, or damaged"
+        "the IDROM is of type {found}, and 2 or 3 are known: the firmware is newer than this software, or \
+         damaged"
     )]
     Idrom {
         /// Its type.
@@ -181,7 +183,8 @@ pub enum DescriptionError {
     },
     /// An invalid value.
     #[error(
-        "the IDROM says {what} {value}: the configuration is damaged; write its bit file again with `mesaflash`"
+        "the IDROM says {what} {value}: the configuration is damaged; write its bit file again with \
+         `mesaflash`"
     )]
     Figure {
         /// Which.

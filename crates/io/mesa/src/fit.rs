@@ -97,8 +97,8 @@ pub enum FitError {
     },
     /// A spindle that is measured, and cannot reach its speed.
     #[error(
-        "spindle {number}: max_rpm of the machine file is {needed:.0}, and {possible:.0} possible at full output: lower max_rpm, or \
-         correct full_rpm"
+        "spindle {number}: max_rpm of the machine file is {needed:.0}, and {possible:.0} possible at full \
+         output: lower max_rpm, or correct full_rpm"
     )]
     FullSpeed {
         /// Its number.
@@ -110,7 +110,8 @@ pub enum FitError {
     },
     /// A spindle that is turned to an angle faster than it may turn.
     #[error(
-        "spindle {number}: orientation at {speed:.1} rpm is above its max_rpm, {most:.1}: lower orientation.rpm"
+        "spindle {number}: orientation at {speed:.1} rpm is above its max_rpm, {most:.1}: lower \
+         orientation.rpm"
     )]
     OrientationSpeed {
         /// Its number.
@@ -291,8 +292,9 @@ pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
     let mut notes = coarse_motors(machine, board);
     if machine.signals.probe.is_some() {
         notes.push(
-            "the machine file has [probe], and this bridge has no probe input: G38 ends with an error unless another bridge reports the \
-             probe; run one beside this, or remove [probe], so that check and plan refuse G38"
+            "the machine file has [probe], and this bridge has no probe input: G38 ends with an error \
+             unless another bridge reports the probe; run one beside this, or remove [probe], so that check \
+             and plan refuse G38"
                 .to_owned(),
         );
     }
@@ -305,20 +307,21 @@ pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
         let angle = spindle.and_then(|spindle| spindle.angle);
         notes.extend(match (listed.has_feedback(), angle) {
             (true, None) => Some(format!(
-                "spindle {number} has feedback = true in the machine file and no encoder in the board file: threads, M19 and every \
-                 feed behind M3 wait for another bridge that measures it; give encoder and counts_per_rev at its [[spindle]]"
+                "spindle {number} has feedback = true in the machine file and no encoder in the board file: \
+                 threads, M19 and every feed behind M3 wait for another bridge that measures it; give \
+                 encoder and counts_per_rev at its [[spindle]]"
             )),
             (false, Some(_)) => Some(format!(
-                "spindle {number} has an encoder in the board file, and nobody uses it: write feedback = true at its [[spindle]] in \
-                 the machine file"
+                "spindle {number} has an encoder in the board file, and nobody uses it: write feedback = \
+                 true at its [[spindle]] in the machine file"
             )),
             (true, Some(angle)) if angle.settings.index == SpindleIndex::None => Some(format!(
-                "spindle {number} has index = \"none\": its speed is measured, but its angle is not known, and threads and M19 are \
-                 refused"
+                "spindle {number} has index = \"none\": its speed is measured, but its angle is not known, \
+                 and threads and M19 are refused"
             )),
             (true, Some(angle)) if angle.settings.index == SpindleIndex::PerEncoderTurn => Some(format!(
-                "spindle {number} has its index on an encoder behind a gear: after a restart of the bridge a thread that was begun \
-                 before may not be met again"
+                "spindle {number} has its index on an encoder behind a gear: after a restart of the bridge \
+                 a thread that was begun before may not be met again"
             )),
             _ => None,
         });
@@ -329,7 +332,8 @@ pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
             && spindle.orienting.is_none()
         {
             notes.push(format!(
-                "spindle {number}: M19 is not possible, because nothing turns it to an angle (orientation, or orient and oriented)"
+                "spindle {number}: M19 is not possible, because nothing turns it to an angle (orientation, \
+                 or orient and oriented)"
             ));
         }
     }

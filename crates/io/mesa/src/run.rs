@@ -132,18 +132,19 @@ impl Hardware for RunSettings {
                     format!("spindle {number}: its drive reports a fault at the board's input")
                 }
                 SpindleNotice::NotOriented(None) => format!(
-                    "spindle {number}: M19 is not possible, because nothing turns it to an angle: give `orientation`, or \
-                     `orient` and `oriented`, at its [[spindle]] of the board file"
+                    "spindle {number}: M19 is not possible, because nothing turns it to an angle: give \
+                     `orientation`, or `orient` and `oriented`, at its [[spindle]] of the board file"
                 ),
                 SpindleNotice::NotOriented(Some(angle_deg)) => format!(
-                    "spindle {number}: M19 is possible at R{angle_deg} only, the angle of its drive (oriented_deg)"
+                    "spindle {number}: M19 is possible at R{angle_deg} only, the angle of its drive \
+                     (oriented_deg)"
                 ),
             },
             Notice::Operational => format!("board at {}: set up", self.board.address),
             Notice::Gantry { axis, fault } => format!("gantry of {}: {fault}", AxisLetter::letter_of(axis)),
             Notice::Squared { axis, by } => format!(
-                "gantry of {}: homed by both switches; the second drive was {by:.3} from where it is on a square \
-                 beam, and is moved there",
+                "gantry of {}: homed by both switches; the second drive was {by:.3} from where it is on a \
+                 square beam, and is moved there",
                 AxisLetter::letter_of(axis)
             ),
             Notice::DriveFault {

@@ -59,8 +59,8 @@ pub enum SessionError {
     /// The watchdog of the board has released its pins.
     #[error(
         "the board's watchdog has tripped: no packet arrived for {watchdog_ms:.0} ms; check what suspended \
-         this computer's processes (`evolvent doctor`), or permit more (watchdog_ms; after {most_ms:.0} ms without a \
-         reading the axes have to be homed all the same)"
+         this computer's processes (`evolvent doctor`), or permit more (watchdog_ms; after {most_ms:.0} ms \
+         without a reading the axes have to be homed all the same)"
     )]
     Bitten {
         /// Its time.
@@ -70,8 +70,9 @@ pub enum SessionError {
     },
     /// A counter was not read for so long that it may have turned over unseen.
     #[error(
-        "{what} {unit} was not read for {gap_ms:.0} ms, and at full speed its position is unknown after {most_ms:.0} ms: \
-         home again, and check what suspended this computer's processes (`evolvent doctor`)"
+        "{what} {unit} was not read for {gap_ms:.0} ms, and at full speed its position is unknown after \
+         {most_ms:.0} ms: home again, and check what suspended this computer's processes (`evolvent \
+         doctor`)"
     )]
     Unread {
         /// Encoder or step generator.

@@ -51,7 +51,8 @@ const TX_ENABLE: u8 = 0x91;
 pub enum RemoteError {
     /// The board has no such module, or one of another kind.
     #[error(
-        "the board file requires smart serial port {port}, and the firmware of this board has {ports}: correct `port`"
+        "the board file requires smart serial port {port}, and the firmware of this board has {ports}: \
+         correct `port`"
     )]
     NoPort {
         /// Its number.
@@ -61,7 +62,8 @@ pub enum RemoteError {
     },
     /// No device at the channel.
     #[error(
-        "no device replies at channel {channel} of smart serial port {port}: check its cable and its supply (a 7I76 needs its field supply too)"
+        "no device replies at channel {channel} of smart serial port {port}: check its cable and its supply \
+         (a 7I76 needs its field supply too)"
     )]
     Absent {
         /// Port.
@@ -71,7 +73,8 @@ pub enum RemoteError {
     },
     /// A device with another name.
     #[error(
-        "the device at channel {channel} of smart serial port {port} has the name {found}, the board file has {wanted}: correct `name`, or connect the other device"
+        "the device at channel {channel} of smart serial port {port} has the name {found}, the board file \
+         has {wanted}: correct `name`, or connect the other device"
     )]
     Name {
         /// Port.

@@ -83,8 +83,8 @@ fn its_spindle_does_what_every_spindle_must() {
         let machine = Machine::parse(&text, "router-3axis.toml").expect("a machine");
         let text = evolvent_file_tests::shipped("boards/7i96s-router.toml");
         let begin = text.find("[spindle]").expect("a spindle");
-        let spindle = "[[spindle]]\npwm = 0\nfull_rpm = 3000\nforward = { pin = 15 }\nreverse = { pin = 16 }\nencoder = 0\n\
-                       counts_per_rev = 4096\n";
+        let spindle = "[[spindle]]\npwm = 0\nfull_rpm = 3000\nforward = { pin = 15 }\n\
+                       reverse = { pin = 16 }\nencoder = 0\ncounts_per_rev = 4096\n";
         let mut board =
             BoardSettings::parse(&format!("{}{spindle}", &text[..begin]), "b.toml").expect("a board");
         // The suite's period is 2 ms; a host that is busy may be late for so long.

@@ -212,7 +212,8 @@ fn without_a_wire_nothing_is_latched_and_steppers_have_none() {
     let switch =
         "axis = \"X\"\norder = 1\ntowards = \"negative\"\nsearch_mm_s = 40\nlatch_mm_s = 4\nswitch_mm = -2\n";
     assert!(shipped.contains(switch));
-    let index = "axis = \"X\"\nmethod = \"index\"\ntowards = \"negative\"\nlatch_mm_s = 5\nindex_mm = 0\nindex_within_mm = 5\n";
+    let index = "axis = \"X\"\nmethod = \"index\"\ntowards = \"negative\"\nlatch_mm_s = 5\nindex_mm = 0\n\
+                 index_within_mm = 5\n";
     let text = shipped.replace(switch, index);
     let homed = Machine::parse(&text, "machine.toml").expect("a machine");
     let board = router([127, 0, 0, 1].into());

@@ -13,8 +13,8 @@ const ENABLE: usize = 16;
 fn add_spindle(board: &mut BoardSettings) {
     let text = evolvent_file_tests::shipped("boards/7i96s-router.toml");
     let begin = text.find("[spindle]").expect("a spindle");
-    let spindle = "[[spindle]]\npwm = 0\nfull_rpm = 3000\nforward = { pin = 15 }\nenable = { pin = 16 }\nencoder = 0\n\
-                   counts_per_rev = 4096\n";
+    let spindle = "[[spindle]]\npwm = 0\nfull_rpm = 3000\nforward = { pin = 15 }\nenable = { pin = 16 }\n\
+                   encoder = 0\ncounts_per_rev = 4096\n";
     let text = format!("{}{spindle}", &text[..begin]);
     board.spindles = BoardSettings::parse(&text, "b.toml").expect("a board").spindles;
 }

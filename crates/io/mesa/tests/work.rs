@@ -31,13 +31,16 @@ const SECONDS: u64 = 5;
 
 fn files(address: IpAddr) -> (Machine, BoardSettings) {
     let machine = evolvent_file_tests::shipped("machines/router-3axis.toml");
-    let u = "[[axis]]\nletter = \"U\"\ntravel_min_mm = 0\ntravel_max_mm = 600\nmax_velocity_mm_min = 3000\nmax_acceleration_m_s2 = 1.5\nmax_jerk_m_s3 = 40\n\n";
+    let u = "[[axis]]\nletter = \"U\"\ntravel_min_mm = 0\ntravel_max_mm = 600\nmax_velocity_mm_min = 3000\n\
+             max_acceleration_m_s2 = 1.5\nmax_jerk_m_s3 = 40\n\n";
     let machine = machine.replacen("[[input]]", &format!("{u}[[input]]"), 1);
     let board = evolvent_file_tests::shipped("boards/7i96s-router.toml");
     // An analog servo, whose index is asked for.
-    let u = "[[axis]]\nletter = \"U\"\nencoder = 0\ncounts_per_unit = 4000\npwm = 0\nfull_velocity = 200\np_gain = 40\n\n";
-    let second = "[[axis]]\nletter = \"X\"\nstepgen = 4\nsteps_per_unit = 320\nstep_length_ns = 2500\nstep_space_ns = 2500\n\
-        direction_setup_ns = 5000\ndirection_hold_ns = 5000\nhome_switch = { pin = 4, inverted = true }\n[axis.gantry]\nmax_difference = 1\n\n";
+    let u = "[[axis]]\nletter = \"U\"\nencoder = 0\ncounts_per_unit = 4000\npwm = 0\nfull_velocity = 200\n\
+             p_gain = 40\n\n";
+    let second = "[[axis]]\nletter = \"X\"\nstepgen = 4\nsteps_per_unit = 320\nstep_length_ns = 2500\n\
+        step_space_ns = 2500\ndirection_setup_ns = 5000\ndirection_hold_ns = 5000\n\
+        home_switch = { pin = 4, inverted = true }\n[axis.gantry]\nmax_difference = 1\n\n";
     let board = board.replacen("[[input]]", &format!("{u}{second}[[input]]"), 1);
     // The servo takes the spindle's generator, the only one of the board.
     let (board, _spindle) = board

@@ -83,8 +83,8 @@ fn unfinished(path: &Path, is_being_written: bool) -> String {
     let name = path.display();
     if is_being_written {
         format!(
-            "{name} is still being written: it is complete when its run ends; to look at it now, copy it and run `evolvent trace \
-             recover` on the copy"
+            "{name} is still being written: it is complete when its run ends; to look at it now, copy it \
+             and run `evolvent trace recover` on the copy"
         )
     } else {
         format!(

@@ -104,7 +104,8 @@ fn main() {
                 };
                 let (ours, stations, steps) = ours.map_or((f64::NAN, 0, 0), |x| (x.0, x.1, x.2));
                 println!(
-                    "{name:12} {degrees:3} {v} {a} {j:e}: optimum {best:.5} ({n}, {:.5})  whole {:.4} ({stations} stations, {steps} steps)  receding {:.4}",
+                    "{name:12} {degrees:3} {v} {a} {j:e}: optimum {best:.5} ({n}, {:.5})  whole {:.4} \
+                     ({stations} stations, {steps} steps)  receding {:.4}",
                     other.map_or(f64::NAN, |x| x.0),
                     ours / best,
                     receding / best

@@ -7,7 +7,8 @@ use thiserror::Error;
 pub enum FeedError {
     /// The start is not on the known path, or not before the end of the window.
     #[error(
-        "the plan would start at interval {interval}, offset {x}, outside the known intervals {first}..{until}: start on known path"
+        "the plan would start at interval {interval}, offset {x}, outside the known intervals \
+         {first}..{until}: start on known path"
     )]
     PathPosition {
         /// The given interval.
@@ -29,7 +30,8 @@ pub enum FeedError {
     },
     /// Speed or acceleration at the start, or the feed factor, is out of range.
     #[error(
-        "speed {v}, acceleration {a} or feed factor {factor} is out of range: give finite numbers, a speed of at least 0 and a factor from 0.001 to 2"
+        "speed {v}, acceleration {a} or feed factor {factor} is out of range: give finite numbers, a speed \
+         of at least 0 and a factor from 0.001 to 2"
     )]
     State {
         /// Speed of the parameter at the start.
@@ -41,7 +43,8 @@ pub enum FeedError {
     },
     /// No motion within the limits was found from this state; there may be none.
     #[error(
-        "no motion within the limits was found from speed {v} and acceleration {a} at interval {interval}, offset {x}: keep the previous plan, which ends at rest"
+        "no motion within the limits was found from speed {v} and acceleration {a} at interval {interval}, \
+         offset {x}: keep the previous plan, which ends at rest"
     )]
     NoMotion {
         /// The interval of the start.

@@ -141,7 +141,8 @@ fn compare(law: &ForceLaw, ratio: f64) {
         slow / quick
     );
     println!(
-        "  {differ} verdicts differ, {unfinished} not settled after {LONGEST_S} s; amplitudes of {shared} agree to {worst:.1e}"
+        "  {differ} verdicts differ, {unfinished} not settled after {LONGEST_S} s; amplitudes of {shared} \
+         agree to {worst:.1e}"
     );
 }
 

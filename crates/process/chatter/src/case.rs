@@ -128,7 +128,8 @@ impl Reader<'_> {
             return Err(self.sheet.error(
                 "tool",
                 "nothing to compute".to_owned(),
-                "add [cut], [force] and [tool] for self-oscillation, or [turning] or [milling] for stability lobes",
+                "add [cut], [force] and [tool] for self-oscillation, or [turning] or [milling] for \
+                 stability lobes",
             ));
         }
         for (key, there) in [("sweep", raw.sweep.is_some()), ("map", raw.map.is_some())] {
@@ -188,7 +189,8 @@ impl Reader<'_> {
             return Err(self.sheet.error(
                 "tool.axis",
                 format!("frequencies of {a:.4} and {b:.4} Hz"),
-                "correct mass, stiffness or frequency: those of the axes may differ by a factor of 100 at most",
+                "correct mass, stiffness or frequency: those of the axes may differ by a factor of 100 at \
+                 most",
             ));
         }
         let (law, floor_m_min) = self.force(force)?;

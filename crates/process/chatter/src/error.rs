@@ -21,7 +21,8 @@ pub enum ChatterError {
     },
     /// The cutting speed is not above the speed below which the force law is not trusted.
     #[error(
-        "the cutting speed of {speed_m_min} m/min is not above the {floor_m_min} m/min from which the force law holds: raise the speed"
+        "the cutting speed of {speed_m_min} m/min is not above the {floor_m_min} m/min from which the force \
+         law holds: raise the speed"
     )]
     BelowFloor {
         /// As given.
@@ -34,7 +35,8 @@ pub enum ChatterError {
     Force(#[from] ForceError),
     /// The tool bends so far that no steady cut was found.
     #[error(
-        "no steady cut found: at {depth_mm} mm depth the tool is pushed out of the cut; give a smaller depth or a stiffer tool"
+        "no steady cut found: at {depth_mm} mm depth the tool is pushed out of the cut; give a smaller \
+         depth or a stiffer tool"
     )]
     NoEquilibrium {
         /// As given.
@@ -42,12 +44,14 @@ pub enum ChatterError {
     },
     /// The least squares of the source know one law of force.
     #[error(
-        "the least squares of the source take the radial force in proportion to the tangential one: leave out force.radial_law for them"
+        "the least squares of the source take the radial force in proportion to the tangential one: leave \
+         out force.radial_law for them"
     )]
     RadialLaw,
     /// The integration in time needs steps that are too small, or too many of them.
     #[error(
-        "integration stopped at {time_s} s after {steps} steps: the motion is out of the model; give a smaller disturbance or a looser tolerance"
+        "integration stopped at {time_s} s after {steps} steps: the motion is out of the model; give a \
+         smaller disturbance or a looser tolerance"
     )]
     Integration {
         /// Where.
@@ -57,7 +61,8 @@ pub enum ChatterError {
     },
     /// The delay equation takes too long.
     #[error(
-        "the delay equation is not solved: {waves:.0} waves of the fastest mode pass while a tooth cuts, too many for {modes} modes; give a higher speed or fewer modes, or take the zero order"
+        "the delay equation is not solved: {waves:.0} waves of the fastest mode pass while a tooth cuts, \
+         too many for {modes} modes; give a higher speed or fewer modes, or take the zero order"
     )]
     TooManyWaves {
         /// Waves of the fastest mode in the cut of one tooth period.
@@ -67,7 +72,8 @@ pub enum ChatterError {
     },
     /// The limit of the delay equation is not certain.
     #[error(
-        "the delay equation has no certain limit: {waves:.0} waves of the fastest mode pass while a tooth cuts, which it cannot tell apart from rounding; take the zero order"
+        "the delay equation has no certain limit: {waves:.0} waves of the fastest mode pass while a tooth \
+         cuts, which it cannot tell apart from rounding; take the zero order"
     )]
     Unresolved {
         /// Waves of the fastest mode in the cut of one tooth period.
@@ -75,7 +81,8 @@ pub enum ChatterError {
     },
     /// The limit of the delay equation means nothing.
     #[error(
-        "the delay equation has no limit of use: below it a disturbance may grow {growth:.0e} times before it dies out; give a higher speed"
+        "the delay equation has no limit of use: below it a disturbance may grow {growth:.0e} times before \
+         it dies out; give a higher speed"
     )]
     Growth {
         /// A bound of it.

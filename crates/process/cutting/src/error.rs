@@ -26,7 +26,8 @@ pub enum ForceError {
     },
     /// The denominator of a rational law has a zero at this feed: the force would be infinite at some speed.
     #[error(
-        "the force law has a pole at a feed of {feed_mm_rev} mm/rev: (f k5)^2 is {ratio} times 4 g k6 and must be below 1; choose another rake angle, feed or law"
+        "the force law has a pole at a feed of {feed_mm_rev} mm/rev: (f k5)^2 is {ratio} times 4 g k6 and \
+         must be below 1; choose another rake angle, feed or law"
     )]
     Pole {
         /// As given.
@@ -51,7 +52,8 @@ pub enum ForceError {
     },
     /// The law gives a force that is negative or no number.
     #[error(
-        "the force law gives {tangential_n} N at {speed_m_min} m/min and {depth_mm} mm: it does not hold there; choose another law or cut"
+        "the force law gives {tangential_n} N at {speed_m_min} m/min and {depth_mm} mm: it does not hold \
+         there; choose another law or cut"
     )]
     Negative {
         /// What the law gives.
@@ -80,7 +82,8 @@ pub enum LawError {
     },
     /// The rational law has a pole at this rake angle, whatever the feed.
     #[error(
-        "at a rake angle of {rake_deg} degrees the force law has a pole: (f k5)^2 is {ratio} times 4 g k6 and must be below 1; choose another rake angle or law"
+        "at a rake angle of {rake_deg} degrees the force law has a pole: (f k5)^2 is {ratio} times 4 g k6 \
+         and must be below 1; choose another rake angle or law"
     )]
     Pole {
         /// As given.
@@ -90,7 +93,8 @@ pub enum LawError {
     },
     /// The factor of the lead angle is not positive.
     #[error(
-        "at a lead angle of {lead_deg} degrees the force law's factor is {factor}: it holds for smaller angles"
+        "at a lead angle of {lead_deg} degrees the force law's factor is {factor}: it holds for smaller \
+         angles"
     )]
     Lead {
         /// As given.
@@ -116,7 +120,8 @@ pub enum LawError {
     },
     /// The forces do not fit the axes.
     #[error(
-        "the table needs force_n as {feeds} lists (feeds) of {depths} lists (depths) of {speeds} forces (speeds)"
+        "the table needs force_n as {feeds} lists (feeds) of {depths} lists (depths) of {speeds} forces \
+         (speeds)"
     )]
     Shape {
         /// Entries along the feed.

@@ -83,8 +83,8 @@ fn power_laws_and_tables_are_read() {
                  depth_exponent = 1\nfeed_exponent = 0.75\n";
     let law = LawDefinition::parse(power, "p.toml").unwrap().law(tool).unwrap();
     assert_eq!(law.power().unwrap().coefficient_n, 2943.0);
-    let table = "name = \"t\"\nkind = \"table\"\n[table]\nspeed_m_min = [10, 50]\ndepth_mm = [1]\nfeed_mm_rev = [0.3]\n\
-                 force_n = [[[700, 650]]]\ndepth_exponent = 1\nfeed_exponent = 0.8\n";
+    let table = "name = \"t\"\nkind = \"table\"\n[table]\nspeed_m_min = [10, 50]\ndepth_mm = [1]\n\
+                 feed_mm_rev = [0.3]\nforce_n = [[[700, 650]]]\ndepth_exponent = 1\nfeed_exponent = 0.8\n";
     assert!(LawDefinition::parse(table, "t.toml").unwrap().law(tool).is_ok());
     let error = refusal(&table.replace("depth_exponent = 1\n", ""));
     assert!(error.contains("depth_exponent"), "{error}");

@@ -203,7 +203,8 @@ impl Case {
 
 fn row(name: &str, f: &Figures) {
     println!(
-        "  {name:14} passes {:2} time {:6.1} air {:5.1} return {:4.1} backs {} peak {:.3} >120% {:.3} >130% {:.3} residual {:.4} under {:.4} holder {} done {}",
+        "  {name:14} passes {:2} time {:6.1} air {:5.1} return {:4.1} backs {} peak {:.3} >120% {:.3} >130% \
+         {:.3} residual {:.4} under {:.4} holder {} done {}",
         f.passes,
         f.time_s,
         f.air_s,

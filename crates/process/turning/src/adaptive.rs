@@ -128,12 +128,12 @@ impl AdaptiveStop {
     pub fn text(&self) -> String {
         match self {
             Self::Overload { load, limit } => format!(
-                "the cutting load was {load:.1}, above the limit of {limit:.1}: the feed was stopped; look at tool and \
-                 stock, then start again"
+                "the cutting load was {load:.1}, above the limit of {limit:.1}: the feed was stopped; look \
+                 at tool and stock, then start again"
             ),
             Self::TooDeep { load, limit } => format!(
-                "even the smallest feed would give a load of {load:.1}, above the limit of {limit:.1}: the feed was \
-                 stopped; take less depth"
+                "even the smallest feed would give a load of {load:.1}, above the limit of {limit:.1}: the \
+                 feed was stopped; take less depth"
             ),
             Self::Sensor(trouble) => Reason::Sensor(*trouble).text(),
         }

@@ -28,8 +28,8 @@ pub struct Cone {
 /// Why a cone cannot be cut.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "the cone rises by {angle_deg:.2} degrees, and an edge with a lead angle of {lead_deg} degrees cuts cones from \
-     {MIN_DEG} to {most_deg} degrees: take a tool with another lead angle"
+    "the cone rises by {angle_deg:.2} degrees, and an edge with a lead angle of {lead_deg} degrees cuts \
+     cones from {MIN_DEG} to {most_deg} degrees: take a tool with another lead angle"
 )]
 pub struct ConeError {
     /// Of the cone.

@@ -67,7 +67,10 @@ impl Job {
         };
         Err(sheet.error(
             "stock.outline_mm",
-            format!("stands {height_mm:.3} mm above the final size{with_runout}, above cut.allowance_max_mm, {allowance_mm} mm"),
+            format!(
+                "stands {height_mm:.3} mm above the final size{with_runout}, above \
+                     cut.allowance_max_mm, {allowance_mm} mm"
+            ),
             "raise cut.allowance_max_mm, or correct the stock",
         ))
     }
@@ -243,7 +246,8 @@ impl JobFile {
         let top_mm = cone.height_mm(cut.length_mm);
         if top_mm > cut.allowance_max_mm + 1e-9 {
             let what = format!(
-                "makes the cone end {top_mm:.3} mm above the final size, and the stock stands at most {} mm above it",
+                "makes the cone end {top_mm:.3} mm above the final size, and the stock stands at most {} mm \
+                 above it",
                 cut.allowance_max_mm
             );
             return Err(sheet.error(
@@ -338,8 +342,9 @@ impl JobFile {
             return Err(sheet.error(
                 "sensor.kind",
                 format!(
-                    "a sensor in the spindle's drive shows less of the force the nearer it is to the axis: the deepest cut would \
-                     act at a diameter of {end_mm:.2} mm, and it shows enough down to {least_mm:.2} mm"
+                    "a sensor in the spindle's drive shows less of the force the nearer it is to the axis: \
+                     the deepest cut would act at a diameter of {end_mm:.2} mm, and it shows enough down to \
+                     {least_mm:.2} mm"
                 ),
                 "face less far, or measure the force at the tool",
             ));

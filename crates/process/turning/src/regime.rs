@@ -84,7 +84,8 @@ pub(crate) const SMALLEST_FEED: &str = "the smallest feed";
 pub enum RegimeError {
     /// The law is none.
     #[error(
-        "the force law needs a positive coefficient and exponents from 0.05 to 3, and has {coefficient}, {depth_exponent} and {feed_exponent}"
+        "the force law needs a positive coefficient and exponents from 0.05 to 3, and has {coefficient}, \
+         {depth_exponent} and {feed_exponent}"
     )]
     Law {
         /// Its coefficient.
@@ -114,9 +115,9 @@ pub enum RegimeError {
     },
     /// The range of feeds is too narrow for equation (4).
     #[error(
-        "equation (4) would back off to a feed of {feed_mm_rev:.4} mm/rev, above the largest, {max} mm/rev: the \
-         largest feed must be at least {least_ratio:.3} times the smallest, and is {ratio:.3} times; lower the \
-         smallest feed to {wanted_min:.4} mm/rev or choose the depth of least time"
+        "equation (4) would back off to a feed of {feed_mm_rev:.4} mm/rev, above the largest, {max} mm/rev: \
+         the largest feed must be at least {least_ratio:.3} times the smallest, and is {ratio:.3} times; \
+         lower the smallest feed to {wanted_min:.4} mm/rev or choose the depth of least time"
     )]
     Narrow {
         /// What equation (4) gives.
@@ -150,9 +151,9 @@ pub enum RegimeError {
     },
     /// The cutting edge does not reach over the deepest cut.
     #[error(
-        "the deepest cut, {depth_mm:.3} mm at the smallest feed, is longer than the edge can cut, {reach_mm:.3} mm \
-         (length times the sine of the lead angle): raise the smallest feed above {wanted_min:.4} mm/rev, lower the \
-         set load, or take a longer edge"
+        "the deepest cut, {depth_mm:.3} mm at the smallest feed, is longer than the edge can cut, \
+         {reach_mm:.3} mm (length times the sine of the lead angle): raise the smallest feed above \
+         {wanted_min:.4} mm/rev, lower the set load, or take a longer edge"
     )]
     Edge {
         /// Deepest cut.

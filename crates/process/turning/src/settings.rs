@@ -180,8 +180,8 @@ pub enum SettingsError {
     },
     /// A revolution has too few periods.
     #[error(
-        "at {spindle_rpm} rev/min a revolution has {cycles:.1} control periods; it needs from 8 to 2000000: change \
-         the speed or the control rate"
+        "at {spindle_rpm} rev/min a revolution has {cycles:.1} control periods; it needs from 8 to 2000000: \
+         change the speed or the control rate"
     )]
     Turn {
         /// Spindle.
@@ -191,8 +191,8 @@ pub enum SettingsError {
     },
     /// The largest feed is faster than the axis.
     #[error(
-        "the largest feed at {spindle_rpm} rev/min is {needed_mm_s:.2} mm/s, and the axis moves at {limit_mm_s:.2} mm/s \
-         at the most: lower one of them"
+        "the largest feed at {spindle_rpm} rev/min is {needed_mm_s:.2} mm/s, and the axis moves at \
+         {limit_mm_s:.2} mm/s at the most: lower one of them"
     )]
     AxisSpeed {
         /// Spindle.
@@ -222,8 +222,8 @@ pub enum SettingsError {
     Cone(#[from] ConeError),
     /// Stock may stand higher than the edge.
     #[error(
-        "the stock may stand {allowance_mm:.3} mm above the final size, and the edge reaches {reach_mm:.2} mm: rough it \
-         down first, or take a longer edge"
+        "the stock may stand {allowance_mm:.3} mm above the final size, and the edge reaches {reach_mm:.2} \
+         mm: rough it down first, or take a longer edge"
     )]
     Allowance {
         /// Stock.
@@ -233,8 +233,8 @@ pub enum SettingsError {
     },
     /// Without readings the feed could not be stopped within a revolution.
     #[error(
-        "at {spindle_rpm} rev/min a revolution takes {turn_s:.4} s, and to notice a dead sensor and stop takes \
-         {stop_s:.4} s: read the sensor more often, allow for fewer missing readings, or turn slower"
+        "at {spindle_rpm} rev/min a revolution takes {turn_s:.4} s, and to notice a dead sensor and stop \
+         takes {stop_s:.4} s: read the sensor more often, allow for fewer missing readings, or turn slower"
     )]
     SensorLoss {
         /// Spindle.

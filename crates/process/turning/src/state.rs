@@ -143,7 +143,10 @@ impl Reason {
             Self::Contact { load } => format!("the load rose to {load:.0}: contact"),
             Self::Settled { depth_mm } => format!("the depth has settled at {depth_mm:.2} mm"),
             Self::TooDeep { depth_mm, limit_mm } => {
-                format!("a depth of {depth_mm:.2} mm is more than the {limit_mm:.2} mm that are taken at once")
+                format!(
+                    "a depth of {depth_mm:.2} mm is more than the {limit_mm:.2} mm that are taken at \
+                         once"
+                )
             }
             Self::FaceFelt { height_mm } => format!("the face was felt: {height_mm:.2} mm of stock"),
             Self::AtDepth { out_mm } => format!("backed off to {out_mm:.2} mm above the final size"),
@@ -161,31 +164,35 @@ impl Reason {
                     SensorTrouble::Frozen => "repeats the same reading",
                     SensorTrouble::Negative => "reads far below zero",
                 };
-                format!("the load sensor {what}: the feed was stopped; look at the sensor, its cable and its bridge, then start again")
+                format!(
+                    "the load sensor {what}: the feed was stopped; look at the sensor, its cable and \
+                         its bridge, then start again"
+                )
             }
             Self::Overload { load, limit } => format!(
-                "the load was {load:.0}, above the limit of {limit:.0}: the tool was drawn out; look at the insert and \
-                 the stock, then start again"
+                "the load was {load:.0}, above the limit of {limit:.0}: the tool was drawn out; look at the \
+                 insert and the stock, then start again"
             ),
             Self::BrokenInsert { before, depth_mm } => format!(
-                "the load of {before:.0} went away where {depth_mm:.2} mm should be cut: the insert may be broken, or the \
-                 sensor reads nothing; look at both, then start again"
+                "the load of {before:.0} went away where {depth_mm:.2} mm should be cut: the insert may be \
+                 broken, or the sensor reads nothing; look at both, then start again"
             ),
             Self::StockTooThick { height_mm, reach_mm } => format!(
-                "the stock stands {height_mm:.1} mm above the final size, and the edge reaches {reach_mm:.1} mm: rough \
-                 it down first, or take a longer edge"
+                "the stock stands {height_mm:.1} mm above the final size, and the edge reaches \
+                 {reach_mm:.1} mm: rough it down first, or take a longer edge"
             ),
             Self::LoadStaysAway { along_mm } => format!(
-                "the load went away {along_mm:.1} mm along the cut and never came back, so it is not known whether anything \
-                 was cut behind: look at the insert, the sensor and the part, then start again"
+                "the load went away {along_mm:.1} mm along the cut and never came back, so it is not known \
+                 whether anything was cut behind: look at the insert, the sensor and the part, then start \
+                 again"
             ),
             Self::NoStock => {
-                "a whole pass at the final size met no stock: see whether there is any, and whether the load sensor \
-                 shows anything"
+                "a whole pass at the final size met no stock: see whether there is any, and whether the \
+                 load sensor shows anything"
                     .into()
             }
-            Self::TooManyPasses => "more passes were needed than make sense: see whether the sensor and the force law \
-                 fit the material"
+            Self::TooManyPasses => "more passes were needed than make sense: see whether the sensor and the \
+                 force law fit the material"
                 .into(),
         }
     }

@@ -15,8 +15,8 @@ pub struct Tool {
 pub enum ToolError {
     /// The lead angle.
     #[error(
-        "the lead angle is {lead_deg} degrees; it must lie from 15 to 89 degrees, so that the depth of cut grows \
-         from zero while the tool goes in"
+        "the lead angle is {lead_deg} degrees; it must lie from 15 to 89 degrees, so that the depth of cut \
+         grows from zero while the tool goes in"
     )]
     Lead {
         /// Given.

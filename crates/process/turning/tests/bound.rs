@@ -116,7 +116,8 @@ fn no_strategy_beats_the_bound_and_safe_comes_near() {
             SET,
         );
         println!(
-            "| {name} | {:.1} | {:.1} | {:.1} ({}) | {:.1} ({}) | {bound:.1} ({passes}) | {:.0} % | {:.0} % |",
+            "| {name} | {:.1} | {:.1} | {:.1} ({}) | {:.1} ({}) | {bound:.1} ({passes}) | {:.0} % | {:.0} % \
+             |",
             same.time_s,
             same.peak / SET,
             safe_job.time_s,

@@ -285,11 +285,13 @@ fn campaign(
         known_s += known;
     }
     println!(
-        "| {count} stocks | s | saved | mean saved | least saved | against known | slower than known | peak | s over 1.3 | left, mm | passes over (5) | more than 2 |"
+        "| {count} stocks | s | saved | mean saved | least saved | against known | slower than known | peak \
+         | s over 1.3 | left, mm | passes over (5) | more than 2 |"
     );
     for tally in &tallies {
         println!(
-            "| `{}` | {:.0} | {:.1} % | {:.1} % | {:.1} % | {:+.1} % | {} | {:.2} | {:.3} | {:.3} | {} | {} |",
+            "| `{}` | {:.0} | {:.1} % | {:.1} % | {:.1} % | {:+.1} % | {} | {:.2} | {:.3} | {:.3} | {} | {} \
+             |",
             tally.name,
             tally.time_s,
             100.0 * (1.0 - tally.time_s / same_s),

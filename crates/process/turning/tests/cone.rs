@@ -122,7 +122,8 @@ fn random_stocks_leave_a_cone_at_size_and_whole() {
         }
     }
     println!(
-        "seed {seed:#x}: worst load on the cone {worst:.3}, {backed} times backed off, {faults} stocks that fault without a cone as well"
+        "seed {seed:#x}: worst load on the cone {worst:.3}, {backed} times backed off, {faults} stocks that \
+         fault without a cone as well"
     );
     assert!(50 * faults <= cases(60), "{faults}");
     assert!(worst <= 1.4, "{worst}");

@@ -118,8 +118,8 @@ fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
             let before = sim.clone();
             let (reason, turns, done) = lose_load(sim.clone(), limits.clone());
             let what = format!(
-                "case {case} at {:.3} s, {:?}, {:.2} mm deep at {:.3} mm/rev, {:.2} mm along, {blank:?}: {reason:?} \
-                 after {turns:.2} revolutions",
+                "case {case} at {:.3} s, {:?}, {:.2} mm deep at {:.3} mm/rev, {:.2} mm along, {blank:?}: \
+                 {reason:?} after {turns:.2} revolutions",
                 before.figures.time_s, output.state, cut.depth_mm, output.feed_mm_rev, output.along.position
             );
             assert!(!done, "{what}");
@@ -131,7 +131,8 @@ fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
         silent += usize::from(sim.controller.state() != TurningState::Done);
     }
     println!(
-        "{count} stocks: told {told} times, after {most:.2} revolutions at most, {silent} jobs not done without a loss"
+        "{count} stocks: told {told} times, after {most:.2} revolutions at most, {silent} jobs not done \
+         without a loss"
     );
     assert!(told > 2 * count && silent == 0, "{told} {silent}");
 }
@@ -193,8 +194,8 @@ fn a_load_lost_just_before_a_cut_is_left_is_a_fault_in_a_turn() {
                 }
                 let (reason, turns, done) = lose_load(sim.clone(), limits.clone());
                 let what = format!(
-                    "stock {case}, left at {leave_s:.3} s, lost at {:.3} s ({before}), {:.2} mm deep: {reason:?} after {turns:.2} \
-                     revolutions",
+                    "stock {case}, left at {leave_s:.3} s, lost at {:.3} s ({before}), {:.2} mm deep: \
+                     {reason:?} after {turns:.2} revolutions",
                     sim.figures.time_s, cut.depth_mm
                 );
                 assert!(
@@ -241,7 +242,8 @@ fn no_job_is_done_without_load_while_stock_stands() {
             }
             let (reason, _, done) = lose_load(sim.clone(), limits.clone());
             let what = format!(
-                "case {case} at {:.3} s, {:?} of pass {}, {:.2} mm along, {:.2} mm out, {stands:.2} mm stand, {blank:?}: {reason:?}",
+                "case {case} at {:.3} s, {:?} of pass {}, {:.2} mm along, {:.2} mm out, {stands:.2} mm \
+                 stand, {blank:?}: {reason:?}",
                 sim.figures.time_s, output.state, output.pass, output.along.position, output.out.position
             );
             assert!(!done && reason.is_some(), "{what}");
@@ -303,8 +305,8 @@ fn a_load_lost_between_passes_is_a_fault_on_short_stock_too() {
                         }
                         let (reason, turns, done) = lose_load(sim.clone(), limits.clone());
                         let what = format!(
-                            "{length_mm} mm, {height} mm high, settings {case}, wall {beyond_mm}, pass {}, {stands:.2} mm stand: \
-                             {reason:?} after {turns:.2} revolutions",
+                            "{length_mm} mm, {height} mm high, settings {case}, wall {beyond_mm}, pass {}, \
+                             {stands:.2} mm stand: {reason:?} after {turns:.2} revolutions",
                             output.pass
                         );
                         assert!(

@@ -129,23 +129,31 @@ fn an_end_after_an_exit_that_depends_on_the_result_is_a_warning() {
     for test in [
         // With another result the subroutine is left before the end.
         "o<s> sub\no1 if [#5070 EQ 0]\no<s> return\no1 endif\nM2\no<s> endsub\no<s> call\n",
-        "o<s> sub\no1 if [#5070 EQ 1]\nG0 Z9\no1 else\no<s> return [1]\no1 endif\nM30\no<s> endsub\no<s> call\n",
-        "o<s> sub\no1 if [1 EQ 2]\no1 elseif [#5070 EQ 0]\no<s> return\no1 endif\nM2\no<s> endsub\no<s> call\n",
-        "o<s> sub\no1 if [#5070 EQ 0]\no1 elseif [1 EQ 1]\nG0 Z9\no1 else\no<s> return\no1 endif\nM2\no<s> endsub\no<s> call\n",
+        "o<s> sub\no1 if [#5070 EQ 1]\nG0 Z9\no1 else\no<s> return [1]\no1 endif\nM30\no<s> endsub\n\
+         o<s> call\n",
+        "o<s> sub\no1 if [1 EQ 2]\no1 elseif [#5070 EQ 0]\no<s> return\no1 endif\nM2\no<s> endsub\n\
+         o<s> call\n",
+        "o<s> sub\no1 if [#5070 EQ 0]\no1 elseif [1 EQ 1]\nG0 Z9\no1 else\no<s> return\no1 endif\nM2\n\
+         o<s> endsub\no<s> call\n",
         "o<s> sub\no1 while [#5070 EQ 0]\no<s> return\no1 endwhile\nM2\no<s> endsub\no<s> call\n",
-        "o<s> sub\no1 if [#5070 EQ 0]\no2 if [1 EQ 1]\no<s> return\no2 endif\no1 endif\nM2\no<s> endsub\no<s> call\n",
+        "o<s> sub\no1 if [#5070 EQ 0]\no2 if [1 EQ 1]\no<s> return\no2 endif\no1 endif\nM2\no<s> endsub\n\
+         o<s> call\n",
         "o100 sub\no1 if [#5070 EQ 0]\nM99\no1 endif\nM2\no100 endsub\nM98 P100\n",
         // In a subroutine of the subroutine.
-        "o<t> sub\nM2\no<t> endsub\no<s> sub\no1 if [#5070 EQ 0]\no<s> return\no1 endif\no<t> call\no<s> endsub\no<s> call\n",
+        "o<t> sub\nM2\no<t> endsub\no<s> sub\no1 if [#5070 EQ 0]\no<s> return\no1 endif\no<t> call\n\
+         o<s> endsub\no<s> call\n",
         // A loop is left, or the rest of its body.
         "o9 repeat [2]\no1 if [#5070 EQ 0]\no9 break\no1 endif\nM2\no9 endrepeat\n",
         "o9 repeat [2]\no1 if [#5070 EQ 0]\no9 continue\no1 endif\nM2\no9 endrepeat\n",
         // What a loop passes over to go on might leave the subroutine.
-        "o<s> sub\n#1=0\no9 while [#1 LT 2]\n#1=[#1+1]\no1 if [#5070 EQ 1]\no9 continue\no1 endif\no<s> return\no9 endwhile\nM2\no<s> endsub\no<s> call\n",
-        "o<s> sub\no9 repeat [2]\no1 if [#5070 EQ 1]\no9 continue\no1 endif\no<s> return\no9 endrepeat\nM2\no<s> endsub\no<s> call\n",
+        "o<s> sub\n#1=0\no9 while [#1 LT 2]\n#1=[#1+1]\no1 if [#5070 EQ 1]\no9 continue\no1 endif\n\
+         o<s> return\no9 endwhile\nM2\no<s> endsub\no<s> call\n",
+        "o<s> sub\no9 repeat [2]\no1 if [#5070 EQ 1]\no9 continue\no1 endif\no<s> return\no9 endrepeat\nM2\n\
+         o<s> endsub\no<s> call\n",
         // A value that only another result sets.
         "o100 sub\no1 if [#5070 EQ 0]\nm 99 P#<none>\no1 endif\nM2\no100 endsub\nM98 P100\n",
-        "o<s> sub\no9 do\no1 if [#5070 EQ 1]\no9 break\no1 endif\no<s> return\no9 while [1]\nM2\no<s> endsub\no<s> call\n",
+        "o<s> sub\no9 do\no1 if [#5070 EQ 1]\no9 break\no1 endif\no<s> return\no9 while [1]\nM2\n\
+         o<s> endsub\no<s> call\n",
     ] {
         let (errors, warnings) = found(&format!("{PROBE}{test}G0 Z1\nG77\nM2\nG78\n"));
         let codes: Vec<_> = errors.iter().map(|(code, _)| *code).collect();
@@ -163,8 +171,10 @@ fn an_end_after_an_exit_that_depends_on_the_result_is_a_warning() {
         "o9 repeat [2]\no1 if [#5070 EQ 0]\no9 break\no1 endif\no9 endrepeat\nM2\n",
         "o<s> sub\no1 if [#5070 EQ 0]\no<s> return\no1 endif\no<s> endsub\no<s> call\nM2\n",
         "o<s> sub\no1 if [1 EQ 2]\no<s> return\no1 endif\nM2\no<s> endsub\no<s> call\n",
-        "o<s> sub\no1 if [#5070 EQ 1]\no2 if [1 EQ 2]\no<s> return\no2 endif\no1 endif\nM2\no<s> endsub\no<s> call\n",
-        "o<s> sub\no1 if [#5070 EQ 0]\no9 repeat [3]\no9 break\no9 endrepeat\no1 endif\nM2\no<s> endsub\no<s> call\n",
+        "o<s> sub\no1 if [#5070 EQ 1]\no2 if [1 EQ 2]\no<s> return\no2 endif\no1 endif\nM2\no<s> endsub\n\
+         o<s> call\n",
+        "o<s> sub\no1 if [#5070 EQ 0]\no9 repeat [3]\no9 break\no9 endrepeat\no1 endif\nM2\no<s> endsub\n\
+         o<s> call\n",
     ] {
         let (errors, warnings) = found(&format!("{PROBE}{test}G77\n"));
         assert_eq!(

@@ -368,7 +368,8 @@ fn every_rendered_fault_shows_code_message_and_place() {
 #[test]
 fn every_code_is_listed_in_the_docs_with_its_meaning() {
     let mut text = String::from(
-        "# Errors of programs\n\nThe codes that `evolvent check` and a run give, in text and in JSON. A code never changes its \
+        "# Errors of programs\n\n\
+         The codes that `evolvent check` and a run give, in text and in JSON. A code never changes its \
          meaning; new ones may come.\n\n| code | meaning |\n|---|---|\n",
     );
     for code in Code::ALL {
@@ -386,7 +387,8 @@ fn every_code_is_listed_in_the_docs_with_its_meaning() {
     let shipped = std::fs::read_to_string(&path).unwrap_or_default();
     assert!(
         shipped == text,
-        "docs/errors.md is out of date: run EVOLVENT_WRITE_CODES=1 cargo test -p evolvent-gcode --test all bad_input"
+        "docs/errors.md is out of date: run EVOLVENT_WRITE_CODES=1 cargo test -p evolvent-gcode --test all \
+         bad_input"
     );
 }
 

@@ -67,13 +67,15 @@ fn a_slot_narrower_than_the_tool_is_refused() {
 
 #[test]
 fn an_arc_too_short_for_both_its_corners_is_refused() {
-    let program = "G21 G90 F300\nG0 X-60 Y0\nG41.1 D10\nG1 X-40 Y0\nG1 X0 Y0\nG2 X2.232 Y2.660 I8.660 J-5\nG1 X-3 Y32.2\nG40 X-30 Y32.2\nM2\n";
+    let program = "G21 G90 F300\nG0 X-60 Y0\nG41.1 D10\nG1 X-40 Y0\nG1 X0 Y0\nG2 X2.232 Y2.660 I8.660 J-5\n\
+                   G1 X-3 Y32.2\nG40 X-30 Y32.2\nM2\n";
     assert_eq!(fault(program), (Code::CompensationGouge, 7));
 }
 
 #[test]
 fn a_move_that_its_first_corner_takes_up_is_refused() {
-    let program = "G21 G90 F300\nG0 X-20 Y60\nG41.1 D10\nG1 X-20 Y40\nG1 X-20 Y20\nG3 X0 Y0 I20\nG1 X1.7 Y4.7\nG1 X-10 Y14.5\nG40 X-10 Y40\nM2\n";
+    let program = "G21 G90 F300\nG0 X-20 Y60\nG41.1 D10\nG1 X-20 Y40\nG1 X-20 Y20\nG3 X0 Y0 I20\n\
+                   G1 X1.7 Y4.7\nG1 X-10 Y14.5\nG40 X-10 Y40\nM2\n";
     assert_eq!(fault(program), (Code::CompensationGouge, 8));
 }
 
@@ -113,7 +115,8 @@ fn arcs_with_rounded_ends_are_followed() {
         );
     }
     // A line that folds back onto an arc as nearly as programs can write it.
-    let fold = "F100\nG0 X-29.5409 Y-111.2971\nG42.1 D0.5\nG1 X-42.0209 Y-102.9771\nX-54.5009 Y-94.6571\nG2 I-1.576 J-2.5527 X-57.8722 Y-99.6133\nG40\nG1 X-62.9 Y-114.6";
+    let fold = "F100\nG0 X-29.5409 Y-111.2971\nG42.1 D0.5\nG1 X-42.0209 Y-102.9771\nX-54.5009 Y-94.6571\n\
+                G2 I-1.576 J-2.5527 X-57.8722 Y-99.6133\nG40\nG1 X-62.9 Y-114.6";
     assert!(moves(fold).len() == 6);
 }
 
@@ -319,9 +322,10 @@ fn an_island_too_close_to_the_wall_is_reported() {
     let program = |gap: f64, depth: f64, inner: f64| {
         let (edge, top) = (40.0 - gap, 40.0 + inner);
         format!(
-            "G21 G90 F300\nG0 X-10 Y60 Z-1\nG42.1 D10\nG1 X-3 Y72\nG1 X5 Y80\nX40\nY-40\nX-40\nY80\nX5\nG40 Y60\n\
-             G0 Z{depth}\nG0 X10 Y65\nG41.1 D10\nG1 X-3 Y55\nG1 X0 Y{edge}\nG2 J-{edge}\nG40 G1 Y65\n\
-             G0 X-10 Y60 Z-1\nG42.1 D10\nG1 X-3 Y72\nG1 X5 Y{top}\nX{inner}\nY-{inner}\nX-{inner}\nY{top}\nX5\nG40 Y60\nM2\n"
+            "G21 G90 F300\nG0 X-10 Y60 Z-1\nG42.1 D10\nG1 X-3 Y72\nG1 X5 Y80\nX40\nY-40\nX-40\nY80\nX5\n\
+             G40 Y60\nG0 Z{depth}\nG0 X10 Y65\nG41.1 D10\nG1 X-3 Y55\nG1 X0 Y{edge}\nG2 J-{edge}\n\
+             G40 G1 Y65\nG0 X-10 Y60 Z-1\nG42.1 D10\nG1 X-3 Y72\nG1 X5 Y{top}\nX{inner}\nY-{inner}\n\
+             X-{inner}\nY{top}\nX5\nG40 Y60\nM2\n"
         )
     };
     // The pocket's path into the island and the island's into the pocket, twice.

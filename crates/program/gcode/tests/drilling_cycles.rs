@@ -37,7 +37,8 @@ fn a_hole_of_g98_behind_one_of_g99_is_approached_at_the_height_before_all() {
         };
         let cycle = ["G81", "G82 P0.1", "G83 Q2", "G85"][case % 4];
         let program = format!(
-            "G21 G90 G94 F100 S500 M3\n{offsets}G0 X0 Y0 Z30\nG99 {cycle} X10 Y10 Z-5 R{r:.3}\nX20\nG98 X30\nX60\nG80\nM2\n"
+            "G21 G90 G94 F100 S500 M3\n{offsets}G0 X0 Y0 Z30\nG99 {cycle} X10 Y10 Z-5 R{r:.3}\nX20\n\
+             G98 X30\nX60\nG80\nM2\n"
         );
         let (commands, _) = interpret(&program, Settings::default());
         let last = commands.iter().rev().find_map(|command| match &command.action {

@@ -57,7 +57,8 @@ fn calls(error: &Diagnostic) -> Vec<(Option<String>, u32)> {
 fn the_whole_chain_of_a_recursion_is_named() {
     let program = |depth: u32| {
         format!(
-            "o<down> sub\no1 if [#1 GT 1]\no<down> call [#1-1]\no1 else\nG1 X?\no1 endif\no<down> endsub\no<down> call [{depth}]\n"
+            "o<down> sub\no1 if [#1 GT 1]\no<down> call [#1-1]\no1 else\nG1 X?\no1 endif\no<down> endsub\n\
+             o<down> call [{depth}]\n"
         )
     };
     for depth in [1_usize, 2, 11, 60, 100] {
@@ -167,8 +168,8 @@ fn a_refused_move_gives_no_errors_behind_it() {
         "G91\nG1 X10\nG2 X10 Y10 I3 J0\nX10 Y-10 I0 J-10\nG1 X1\n",
         "G1 X10\nG20 G2 X2 Y1 I.1 J0\nG2 X3 Y0 I0 J-1\n",
         // A contour in a tool's radius that leaves no room, then the arc that follows it and the way out.
-        "G1 X-60 Y0\nG41.1 D10\nX-40\nX0 Y0\nG2 X2.232 Y2.660 I8.660 J-5\nG1 X-3 Y32.2\nG3 X-13 Y42.2 I-10 J0\n\
-         G40 X-30 Y32.2\nG1 X0 Y0\n",
+        "G1 X-60 Y0\nG41.1 D10\nX-40\nX0 Y0\nG2 X2.232 Y2.660 I8.660 J-5\nG1 X-3 Y32.2\n\
+         G3 X-13 Y42.2 I-10 J0\nG40 X-30 Y32.2\nG1 X0 Y0\n",
         // An arc in the plane that the line would have set.
         "G2 X10 I5\nG18 Q1\nX20 Z5 I5 K0\n",
         // Parameters that were not set.

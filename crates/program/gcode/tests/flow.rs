@@ -141,7 +141,12 @@ fn subroutine_folders_are_searched_in_order() {
     let (first, second) = (folder.join("first"), folder.join("second"));
     std::fs::create_dir_all(&first).unwrap();
     std::fs::create_dir_all(&second).unwrap();
-    std::fs::write(first.join("go.ngc"), "%\nO<go> sub\nG0 X#1\nO<inner> call [#1]\nO<go> endsub\nO<inner> sub\nG0 X[#1+1]\nO<inner> endsub\n%\n").unwrap();
+    std::fs::write(
+        first.join("go.ngc"),
+        "%\nO<go> sub\nG0 X#1\nO<inner> call [#1]\nO<go> endsub\n\
+                                          O<inner> sub\nG0 X[#1+1]\nO<inner> endsub\n%\n",
+    )
+    .unwrap();
     std::fs::write(second.join("go.ngc"), "O<go> sub\nG0 X99\nO<go> endsub\n").unwrap();
     std::fs::write(
         second.join("bad.ngc"),
@@ -175,7 +180,8 @@ fn subroutine_folders_are_searched_in_order() {
 #[test]
 fn break_and_continue_work_in_all_loops() {
     let all = Settings::default;
-    let repeat = "O1 repeat [5]\n#1=[#1+1]\nO2 if [#1 EQ 2]\nO1 continue\nO2 endif\nO3 if [#1 EQ 4]\nO1 break\nO3 endif\nG0 X#1\nO1 endrepeat";
+    let repeat = "O1 repeat [5]\n#1=[#1+1]\nO2 if [#1 EQ 2]\nO1 continue\nO2 endif\nO3 if [#1 EQ 4]\n\
+                  O1 break\nO3 endif\nG0 X#1\nO1 endrepeat";
     assert_eq!(ends(repeat, all()), [1.0, 3.0]);
     let twice = "O1 do\n#1=[#1+1]\nO2 if [#1 EQ 2]\nO1 continue\nO2 endif\nG0 X#1\nO1 while [#1 LT 4]";
     assert_eq!(ends(twice, all()), [1.0, 3.0, 4.0]);
@@ -256,7 +262,8 @@ fn parameters_of_a_machine_in_inches_are_in_inches_and_kept_in_mm() {
     for (unit, unit_mm) in [("G20", 25.4), ("G21", 1.0)] {
         let text = format!(
             "{unit}\nG92 X{}\n#200=#5161 #201=#5164 #202=#5403 #203=#5404 #204=#5410 #205=#5241 #206=#5244\n\
-             #207=#5211 #208=#100 #209=#5400 #210=#5220\n#5221=3 #5224=4\nG10 L2 P1 Y{}\n#211=#5222 #5230=7\n#5390=8\n",
+             #207=#5211 #208=#100 #209=#5400 #210=#5220\n#5221=3 #5224=4\nG10 L2 P1 Y{}\n\
+             #211=#5222 #5230=7\n#5390=8\n",
             25.4 / unit_mm,
             50.8 / unit_mm
         );
@@ -302,8 +309,9 @@ fn parameters_of_a_machine_in_inches_are_in_inches_and_kept_in_mm() {
 fn a_repeat_runs_as_often_as_it_says_whatever_it_is_in() {
     for count in 0..6 {
         let program = format!(
-            "#31=0\nO9 sub\nO1 repeat [#1]\nO2 repeat [2]\n#31=[#31+1]\nO2 endrepeat\nO1 endrepeat\nO9 endsub\nO9 call [{count}]\n\
-             O3 repeat [{count}]\n#31=[#31+100]\nO3 endrepeat\nG0 X[1000+#31]\nM2\n"
+            "#31=0\nO9 sub\nO1 repeat [#1]\nO2 repeat [2]\n#31=[#31+1]\nO2 endrepeat\nO1 endrepeat\n\
+             O9 endsub\nO9 call [{count}]\nO3 repeat [{count}]\n#31=[#31+100]\nO3 endrepeat\n\
+             G0 X[1000+#31]\nM2\n"
         );
         let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
         assert!(interpreter.by_ref().all(|item| item.is_ok()), "{program}");
@@ -313,7 +321,8 @@ fn a_repeat_runs_as_often_as_it_says_whatever_it_is_in() {
 
 #[test]
 fn a_restart_leaves_the_state_of_all_lines_before() {
-    let program = "G21 G64 P0.05 F600 T2\nM6 S800 M3\nM8 G55\nO1 repeat [3]\nG91 G1 X1\nO1 endrepeat\nG90 G1 X10\nG0 Y5\nX7\n";
+    let program = "G21 G64 P0.05 F600 T2\nM6 S800 M3\nM8 G55\nO1 repeat [3]\nG91 G1 X1\nO1 endrepeat\n\
+                   G90 G1 X10\nG0 Y5\nX7\n";
     let whole: Vec<_> = Interpreter::new(program.as_bytes(), Settings::default())
         .map(Result::unwrap)
         .collect();

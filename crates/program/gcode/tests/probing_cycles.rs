@@ -154,7 +154,8 @@ fn probing_cycles_work_in_all_units_and_modes() {
         let words = [signs[0] * 20.0, signs[1] * 20.0, tip, 200.0, 30.0, 1.0]
             .map(|word| format!("[{}]", word / unit));
         let program = format!(
-            "G21 G10 L2 P2 X{} Y{}\nG55\n{code} {way} {radius} F7\no<probe_corner> call {}\n(PRINT,%.6f#<_probe_x> %.6f#<_probe_y>)\nM2\n",
+            "G21 G10 L2 P2 X{} Y{}\nG55\n{code} {way} {radius} F7\no<probe_corner> call {}\n\
+             (PRINT,%.6f#<_probe_x> %.6f#<_probe_y>)\nM2\n",
             zero[0],
             zero[1],
             words.join(" ")
@@ -182,7 +183,8 @@ fn bores_and_bosses_are_found_from_off_their_centres() {
         let expected = [centre[0], centre[1], diameter];
         let bore: Surface = Box::new(move |at| diameter / 2.0 - (at[0] - centre[0]).hypot(at[1] - centre[1]));
         let program = format!(
-            "G21 F10\no<probe_bore> call [{diameter}] [{tip}] [300] [50] [1]\n(PRINT,%.6f#<_probe_x> %.6f#<_probe_y> %.6f#<_probe_diameter>)\nM2\n"
+            "G21 F10\no<probe_bore> call [{diameter}] [{tip}] [300] [50] [1]\n\
+             (PRINT,%.6f#<_probe_x> %.6f#<_probe_y> %.6f#<_probe_diameter>)\nM2\n"
         );
         let probed = probe(&program, [0.0; 3], tip / 2.0, &bore);
         assert!(probed.error.is_none(), "{:?}", probed.error);
@@ -199,7 +201,8 @@ fn bores_and_bosses_are_found_from_off_their_centres() {
             }
         });
         let program = format!(
-            "G21 F10\no<probe_boss> call [{diameter}] [6] [9] [{tip}] [300] [50] [1]\n(PRINT,%.6f#<_probe_x> %.6f#<_probe_y> %.6f#<_probe_diameter>)\nM2\n"
+            "G21 F10\no<probe_boss> call [{diameter}] [6] [9] [{tip}] [300] [50] [1]\n\
+             (PRINT,%.6f#<_probe_x> %.6f#<_probe_y> %.6f#<_probe_diameter>)\nM2\n"
         );
         let probed = probe(&program, [0.0, 0.0, 5.0], tip / 2.0, &boss);
         assert!(probed.error.is_none(), "{:?}", probed.error);
@@ -215,7 +218,8 @@ fn a_tool_is_as_long_as_it_is() {
     let surface: Surface = Box::new(|at| at[2] - (-200.0 + 73.25));
     for (offset, code) in [("", "G21"), ("G10 L2 P1 Z-31\n", "G20"), ("G92 Z4\n", "G21")] {
         let program = format!(
-            "G21\n{offset}G43 H4\n{code}\no<probe_tool> call [-200] [150] [300] [20] [2]\n(PRINT,%.6f#<_probe_length>)\nM2\n"
+            "G21\n{offset}G43 H4\n{code}\no<probe_tool> call [-200] [150] [300] [20] [2]\n\
+             (PRINT,%.6f#<_probe_length>)\nM2\n"
         );
         for parameters_in_inches in [false, true] {
             let mut settings = mill([0.0, 0.0, -20.0]);

@@ -113,7 +113,8 @@ fn roughing_leaves_the_distance_to_any_profile() {
 
 #[test]
 fn a_profile_is_read_without_side_effects() {
-    let program = "G18 F100 S5\nG0 X30 Z5\nO1 sub\nF7 S900 M3 G91\nG0 X[10 - #<_x>] Z[0 - #<_z>]\nG1 Z-5\nX5\nG90\n#100 = 3\nO1 endsub\nG71 Q1 X20 Z1 I50\nG1 X[#100]\nM2\n";
+    let program = "G18 F100 S5\nG0 X30 Z5\nO1 sub\nF7 S900 M3 G91\nG0 X[10 - #<_x>] Z[0 - #<_z>]\nG1 Z-5\n\
+                   X5\nG90\n#100 = 3\nO1 endsub\nG71 Q1 X20 Z1 I50\nG1 X[#100]\nM2\n";
     let all = actions(program).unwrap();
     assert!(
         !all.iter()

@@ -189,7 +189,8 @@ fn increments_and_radii_are_as_configured() {
 
 #[test]
 fn q1_outputs_the_cycle_if_a_load_is_measured() {
-    let program = "G21 G18 F60 S800\nG10 L2 P1 X1 Z2\nG0 X30 Z1\nG82 X40 Z-20 R50 L-25 H0.5 Q1\nG75 X40 Z-5 K2 E30 Q1\nM2\n";
+    let program = "G21 G18 F60 S800\nG10 L2 P1 X1 Z2\nG0 X30 Z1\nG82 X40 Z-20 R50 L-25 H0.5 Q1\n\
+                   G75 X40 Z-5 K2 E30 Q1\nM2\n";
     let with_load = Settings {
         features: MachineFeatures {
             load_channel: true,

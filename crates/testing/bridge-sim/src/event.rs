@@ -65,8 +65,8 @@ impl Display for StopCause {
                 };
                 write!(
                     f,
-                    "no usable setpoints came for {periods} periods{kind} (the core has ended, or this host kept it or the bridge from \
-                     running)"
+                    "no usable setpoints came for {periods} periods{kind} (the core has ended, or this host \
+                     kept it or the bridge from running)"
                 )
             }
             Self::Fault { axis, error_code } => {
@@ -92,11 +92,13 @@ impl Display for SimEvent {
             Self::Core { axes, period_ns } => write!(f, "core found: axes {axes}, {period_ns} ns"),
             Self::Stopped(cause @ StopCause::Setpoints { .. }) => write!(
                 f,
-                "the drives no longer follow: {cause}; they brake and hold until setpoints begin where they are"
+                "the drives no longer follow: {cause}; they brake and hold until setpoints begin where they \
+                 are"
             ),
             Self::Stopped(cause) => write!(
                 f,
-                "the drives no longer follow: {cause}; all of them stop until their power is switched off and on again"
+                "the drives no longer follow: {cause}; all of them stop until their power is switched off \
+                 and on again"
             ),
             Self::Follows => f.write_str("the drives follow setpoints again"),
         }

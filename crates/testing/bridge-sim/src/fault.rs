@@ -163,9 +163,10 @@ impl Fault {
 /// Why a text is no fault.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
-    "{text:?} is no fault: write KIND@SECONDS[+DURATION][:AXIS] with one of late, silent, frozen, stuck, fault, off, \
-     jump, blocked, nan, wild, ahead, load-zero, load-lost, load-frozen, load-nan, load-saturated, load-negative, \
-     spindle-fault, spindle-silent, spindle-slow, spindle-stall, switch-closed, switch-open, index-missing, absolute-lost, as in `jump@2.5:Y`"
+    "{text:?} is no fault: write KIND@SECONDS[+DURATION][:AXIS] with one of late, silent, frozen, stuck, \
+     fault, off, jump, blocked, nan, wild, ahead, load-zero, load-lost, load-frozen, load-nan, \
+     load-saturated, load-negative, spindle-fault, spindle-silent, spindle-slow, spindle-stall, \
+     switch-closed, switch-open, index-missing, absolute-lost, as in `jump@2.5:Y`"
 )]
 pub struct FaultError {
     text: String,

@@ -107,7 +107,8 @@ impl FromStr for ProbeSettings {
                     continue;
                 }
                 return Err(format!(
-                    "{part:?} is no property of a probe: write delay=MS, late=MS, bounces=N, lost=MS or latched"
+                    "{part:?} is no property of a probe: write delay=MS, late=MS, bounces=N, lost=MS or \
+                     latched"
                 ));
             };
             let milliseconds = || {

@@ -318,7 +318,8 @@ pub const CASES: [Case; 29] = [
     ),
     case!(
         spindle_angle,
-        "sends the angle of its spindle with the time, of one sign with the speed, and says at speed only when it is",
+        "sends the angle of its spindle with the time, of one sign with the speed, and says at speed only \
+         when it is",
         spindle
     ),
     case!(
@@ -328,7 +329,8 @@ pub const CASES: [Case; 29] = [
     ),
     case!(
         probe,
-        "tells when its probe has tripped, how often, and where the drives have latched it, and when it opens",
+        "tells when its probe has tripped, how often, and where the drives have latched it, and when it \
+         opens",
         probe
     ),
 ];

@@ -148,8 +148,8 @@ fn judge_safe(left_ns: u64, inputs: &[(u64, MachineInputs)], feedback: &[Seen]) 
         });
     }
     let what = format!(
-        "output 0 {} {:.0} ms after the last message of the core, as input 0 says: the safe value is off, 200 ms are permitted, and \
-         {:.0} ms until the input shows it",
+        "output 0 {} {:.0} ms after the last message of the core, as input 0 says: the safe value is off, \
+         200 ms are permitted, and {:.0} ms until the input shows it",
         if safe_at == seen_at {
             "becomes safe"
         } else {

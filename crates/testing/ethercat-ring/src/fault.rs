@@ -110,7 +110,8 @@ impl Fault {
 /// Why a text is no fault.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
-    "`{text}` is no fault: expected KIND@SECONDS[+DURATION][:DEVICE], for example `loss@2.5+0.01`, with KIND one of {kinds}"
+    "`{text}` is no fault: expected KIND@SECONDS[+DURATION][:DEVICE], for example `loss@2.5+0.01`, with \
+     KIND one of {kinds}"
 )]
 pub struct FaultError {
     text: String,

@@ -83,7 +83,8 @@ impl Fault {
 /// Why a text is no fault.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
-    "`{text}` is no fault: expected KIND@SECONDS[+DURATION], for example `loss-out@2.5+0.01`, with KIND one of {kinds}"
+    "`{text}` is no fault: expected KIND@SECONDS[+DURATION], for example `loss-out@2.5+0.01`, with KIND one \
+     of {kinds}"
 )]
 pub struct FaultError {
     text: String,

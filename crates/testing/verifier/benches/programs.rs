@@ -223,8 +223,8 @@ impl Row {
         }
         let (trapezoid, s_curve) = self.ratios();
         println!(
-            "| {name} | {} | {:.1} | {:.3} | {} | {} | {:.4} | {:.4} | {:.4} | {deviation} | {:.3} | {:.4} | {:.3} | \
-             {:.2} % | {:.0} | {} |",
+            "| {name} | {} | {:.1} | {:.3} | {} | {} | {:.4} | {:.4} | {:.4} | {deviation} | {:.3} | {:.4} \
+             | {:.3} | {:.2} % | {:.0} | {} |",
             verdict.blocks,
             verdict.path_mm,
             verdict.duration_s,
@@ -306,14 +306,14 @@ fn print_head(setups: &[Setup]) {
     );
     if let [one, other] = names.as_slice() {
         println!(
-            "| program | blocks | {one} s | {other} s | {other} / {one} | {one} / 2.9 | {other} / 2.9 | load {one} | \
-             load {other} | judged {one} | judged {other} |"
+            "| program | blocks | {one} s | {other} s | {other} / {one} | {one} / 2.9 | {other} / 2.9 | \
+             load {one} | load {other} | judged {one} | judged {other} |"
         );
         println!("|---|---|---|---|---|---|---|---|---|---|---|");
     } else {
         println!(
-            "| program | blocks | path mm | time s | / 2.9 | / 2.10 S | v | a | j | deviation um | chord | feed | \
-             planning s | load | blocks/s | judged |"
+            "| program | blocks | path mm | time s | / 2.9 | / 2.10 S | v | a | j | deviation um | chord | \
+             feed | planning s | load | blocks/s | judged |"
         );
         println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     }
@@ -335,8 +335,8 @@ fn print_totals(setups: &[Setup], totals: &[Totals], times: &Mean, json: bool) {
             continue;
         }
         println!(
-            "\n{planner}: {} programs, {} not run to their end, {} with violations. Geometric mean of {} times: {} of \
-             LinuxCNC 2.9, {} of 2.10's S-curve.",
+            "\n{planner}: {} programs, {} not run to their end, {} with violations. Geometric mean of {} \
+             times: {} of LinuxCNC 2.9, {} of 2.10's S-curve.",
             totals.programs,
             totals.failed,
             totals.violated,

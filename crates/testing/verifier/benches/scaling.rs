@@ -93,7 +93,8 @@ impl Bench {
         self.least = None;
         println!("\n{what}\n");
         println!(
-            "| program | blocks | time s | blocks per m | reading s | planning s | us per block | blocks/s | load | exponent | judged |"
+            "| program | blocks | time s | blocks per m | reading s | planning s | us per block | blocks/s \
+             | load | exponent | judged |"
         );
         println!("|---|---|---|---|---|---|---|---|---|---|---|");
     }

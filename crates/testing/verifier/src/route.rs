@@ -46,7 +46,8 @@ pub enum RouteError {
     },
     /// A move starts elsewhere than where the one before ended.
     #[error(
-        "line {line}: the move starts {distance} mm or degrees from where the last one ended; report this program"
+        "line {line}: the move starts {distance} mm or degrees from where the last one ended; report this \
+         program"
     )]
     Gap {
         /// Program line.

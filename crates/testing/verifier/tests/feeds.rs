@@ -147,8 +147,11 @@ fn a_change_of_tolerance_is_not_called_a_deviation() {
 #[test]
 fn a_small_arc_may_be_cut_short() {
     for text in [
-        "G64 P1\nG0 X25.084 Y20.2497\nG1 Z-1.5778 F600\nG1 X27.2544 Y21.9656 Z0.2193\nG1 X27.1604 Y21.9043\nG2 X28.01119 Y21.1318 I0.77614 J0 F6000\nM2\n",
-        "G64 P1\nG0 X1.6552 Y-0.4553 Z-16.1679\nG0 X1.7208 Y-0.5301\nG0 Z-15.3689\nG2 X2.09434 Y0.06635 I0.66298 J0 F600\nG0 Z-14.6353\nG2 X4.01009 Y-0.3932 I1.01299 J0 F60\nG1 X24.1477 Y-30.3457 Z-21.904\nM2\n",
+        "G64 P1\nG0 X25.084 Y20.2497\nG1 Z-1.5778 F600\nG1 X27.2544 Y21.9656 Z0.2193\nG1 X27.1604 Y21.9043\n\
+         G2 X28.01119 Y21.1318 I0.77614 J0 F6000\nM2\n",
+        "G64 P1\nG0 X1.6552 Y-0.4553 Z-16.1679\nG0 X1.7208 Y-0.5301\nG0 Z-15.3689\n\
+         G2 X2.09434 Y0.06635 I0.66298 J0 F600\nG0 Z-14.6353\nG2 X4.01009 Y-0.3932 I1.01299 J0 F60\n\
+         G1 X24.1477 Y-30.3457 Z-21.904\nM2\n",
     ] {
         keeps_everything("mill-3axis.toml", text);
     }

@@ -94,8 +94,8 @@ pub enum BoreError {
     Hole(#[from] HoleError),
     /// Turns of roughing with which its pitch is above the maximum.
     #[error(
-        "rough-turns {turns} gives a pitch of {pitch_mm} mm per turn, above the maximum of {max_mm} mm: give at least \
-         {min_turns} turns, or a larger --pitch"
+        "rough-turns {turns} gives a pitch of {pitch_mm} mm per turn, above the maximum of {max_mm} mm: \
+         give at least {min_turns} turns, or a larger --pitch"
     )]
     FewTurns {
         /// The turns given.
@@ -109,8 +109,8 @@ pub enum BoreError {
     },
     /// The tool's centre would move on a circle that a program cannot have.
     #[error(
-        "the tool's centre would move on a circle of {radius_mm:.6} mm in {pass}, and a program's arcs have at least {min_mm} mm: use a \
-         smaller tool{}",
+        "the tool's centre would move on a circle of {radius_mm:.6} mm in {pass}, and a program's arcs have \
+         at least {min_mm} mm: use a smaller tool{}",
         if *.pass == "roughing" { ", or a smaller --allowance" } else { "" }
     )]
     Circle {
@@ -124,8 +124,8 @@ pub enum BoreError {
     /// An allowance wider than the tool: finishing would cut a groove along the wall and leave a ring inside
     /// it.
     #[error(
-        "allowance {allowance_mm} is wider than the tool of {tool_mm} mm: finishing would leave a ring of {:.3} mm standing; give at \
-         most {tool_mm}, or use a larger tool",
+        "allowance {allowance_mm} is wider than the tool of {tool_mm} mm: finishing would leave a ring of \
+         {:.3} mm standing; give at most {tool_mm}, or use a larger tool",
         .allowance_mm - .tool_mm
     )]
     Ring {
@@ -136,8 +136,9 @@ pub enum BoreError {
     },
     /// The tool would move down into material at the start of finishing.
     #[error(
-        "{option}: finishing would start {distance_mm:.3} mm from the hole's centre and move down into material: roughing with an \
-         allowance of {allowance_mm} mm has cut room for the tool {}; start there{}",
+        "{option}: finishing would start {distance_mm:.3} mm from the hole's centre and move down into \
+         material: roughing with an allowance of {allowance_mm} mm has cut room for the tool {}; start \
+         there{}",
         range(*.cleared_mm),
         if *.distance_mm > .cleared_mm[1] {
             ", or give a smaller --allowance"
@@ -403,7 +404,8 @@ impl BoreProgram {
             last = level.title;
             writeln!(
                 out,
-                "({}: R {} mm, n {} turns, H {:.6} mm per turn, r {:.9} mm, {:.3} turns visible, {:.6} mm long at each depth)",
+                "({}: R {} mm, n {} turns, H {:.6} mm per turn, r {:.9} mm, {:.3} turns visible, {:.6} mm \
+                 long at each depth)",
                 level.title,
                 pass.radius_mm,
                 pass.turns,

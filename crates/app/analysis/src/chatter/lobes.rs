@@ -256,7 +256,8 @@ fn notes(points: &[LobePoint], missing: &[(f64, NoLimit)]) -> Vec<String> {
     for (speeds, why) in reasons {
         if !speeds.is_empty() {
             notes.push(format!(
-                "no limit of the delay equation {}: {why}. The zero order is taken there, which may be too deep",
+                "no limit of the delay equation {}: {why}. The zero order is taken there, which may be too \
+                 deep",
                 range(&speeds)
             ));
         }
@@ -268,8 +269,8 @@ fn notes(points: &[LobePoint], missing: &[(f64, NoLimit)]) -> Vec<String> {
         .collect();
     if !growing.is_empty() {
         notes.push(format!(
-            "{} a disturbance may grow more than {NOTED_GROWTH:.0} times before it dies out, right below the limit \
-             of the delay equation: keep a margin",
+            "{} a disturbance may grow more than {NOTED_GROWTH:.0} times before it dies out, right below \
+             the limit of the delay equation: keep a margin",
             range(&growing)
         ));
     }

@@ -49,8 +49,8 @@ fn sentence(assessment: &Assessment) -> &'static str {
              lost"
         }
         (Verdict::OutOfModel, false, false) if assessment.is_in_doubt() => {
-            "not known to be stable: the balance has a vibration that integration in time does not confirm; an \
-             impulse may set it going"
+            "not known to be stable: the balance has a vibration that integration in time does not confirm; \
+             an impulse may set it going"
         }
         (Verdict::OutOfModel, false, _) => {
             "leaves the model after an impulse: steady until then, but beyond the unstable cycle vibration \

@@ -74,9 +74,8 @@ impl ChatterWarning {
             number => format!(" of spindle {number}"),
         };
         format!(
-            "{file_name}:{}: warning: this cut {what} at {:.0} rpm{spindle} ({:.1} m/min on a diameter of {:.2} mm), \
-             {:.3} mm deep \
-             ({}), {:.3} mm/rev; {advice}",
+            "{file_name}:{}: warning: this cut {what} at {:.0} rpm{spindle} ({:.1} m/min on a diameter of \
+             {:.2} mm), {:.3} mm deep ({}), {:.3} mm/rev; {advice}",
             self.line,
             self.speed_rpm,
             self.speed_m_min,
@@ -196,7 +195,8 @@ pub fn chatter_warnings(
         .collect();
     if let Some(line) = look.unevaluated_from {
         omissions.push(format!(
-            "more than {MAX_CUTS} different cuts: from line {line} on, only cuts like the earlier ones were evaluated"
+            "more than {MAX_CUTS} different cuts: from line {line} on, only cuts like the earlier ones were \
+             evaluated"
         ));
     }
     if !look.unlisted.is_empty() {

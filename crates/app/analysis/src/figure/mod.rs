@@ -40,10 +40,7 @@ const TOLERATED: [f64; 3] = [1.001, 1.001, 1.02];
 /// Maximum number of causes in the legend.
 const NAMED: usize = 14;
 
-const STYLE: &str = "text{font:12px sans-serif;fill:#222}.title{font-size:19px;font-weight:bold}\
-    .head{font-size:14px;font-weight:bold}.axis{font-size:20px;font-weight:bold}.small{font-size:11px;fill:#555}\
-    .bad{font-size:11px;fill:#c00;font-weight:bold}.frame{fill:none;stroke:#999}.grid{stroke:#e4e4e4}\
-    .limit{stroke:#c00;stroke-dasharray:5 3}.zero{stroke:#bbb}.mark{fill:#fff;stroke:#222;stroke-width:1.5}";
+const STYLE: &str = "text{font:12px sans-serif;fill:#222}.title{font-size:19px;font-weight:bold}.head{font-size:14px;font-weight:bold}.axis{font-size:20px;font-weight:bold}.small{font-size:11px;fill:#555}.bad{font-size:11px;fill:#c00;font-weight:bold}.frame{fill:none;stroke:#999}.grid{stroke:#e4e4e4}.limit{stroke:#c00;stroke-dasharray:5 3}.zero{stroke:#bbb}.mark{fill:#fff;stroke:#222;stroke-width:1.5}";
 /// Colours of velocity, acceleration and jerk.
 const ORDERS: [&str; 3] = ["#3a7d2c", "#1f5fa8", "#8a5a9e"];
 

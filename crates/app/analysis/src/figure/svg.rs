@@ -28,8 +28,9 @@ impl Svg {
     /// The complete file; the height is known only after drawing.
     pub(crate) fn finish(self, height: f64, style: &str) -> String {
         format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w:.0}\" height=\"{height:.0}\" viewBox=\"0 0 {w:.0} \
-             {height:.0}\">\n<style>{style}</style>\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n{}</svg>\n",
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w:.0}\" height=\"{height:.0}\" viewBox=\"0 \
+             0 {w:.0} {height:.0}\">\n<style>{style}</style>\n\
+             <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n{}</svg>\n",
             self.body,
             w = self.width
         )
@@ -82,8 +83,8 @@ impl Svg {
     pub(crate) fn stroke(&mut self, pen: &Pen, colour: &str, width: f64, more: &str) {
         if !pen.data.is_empty() {
             self.push(format_args!(
-                "<path d=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\" stroke-linejoin=\"round\" \
-                 {more}/>\n",
+                "<path d=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\" \
+                 stroke-linejoin=\"round\" {more}/>\n",
                 pen.data
             ));
         }

@@ -14,10 +14,7 @@ const STOCK_HEIGHT: f64 = 250.0;
 const STRIP_HEIGHT: f64 = 150.0;
 /// Colours of the passes, in rotation.
 const PASSES: [&str; 6] = ["#1f5fa8", "#c8501e", "#2e8b57", "#8b3fa8", "#b8860b", "#178a9e"];
-const STYLE: &str = "text{font:12px \
- sans-serif;fill:#222}.title{font-size:19px;font-weight:600}.head{font-size:14px;\
-                     font-weight:600}.small{font-size:11px;fill:#555}.grid{stroke:#e4e4e4}.frame{fill:none;stroke:#888}\
-                     .set{stroke:#b00020;stroke-dasharray:6 4}.final{stroke:#b5b5b5;stroke-width:5}";
+const STYLE: &str = "text{font:12px sans-serif;fill:#222}.title{font-size:19px;font-weight:600}.head{font-size:14px;font-weight:600}.small{font-size:11px;fill:#555}.grid{stroke:#e4e4e4}.frame{fill:none;stroke:#888}.set{stroke:#b00020;stroke-dasharray:6 4}.final{stroke:#b5b5b5;stroke-width:5}";
 
 /// The whole picture.
 pub(crate) fn svg(trial: &TurningTrial, machine: &str) -> String {
@@ -333,12 +330,9 @@ pub(crate) fn html(trial: &TurningTrial, machine: &str, svg: &str) -> String {
             .replace('>', "&gt;")
     };
     let mut page = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>{0}</title><style>body{{font:14px \
-         sans-serif;\
-         margin:24px;max-width:1120px}}table{{border-collapse:collapse}}td,th{{padding:3px \
-         10px;border-bottom:1px solid \
-         #ddd;text-align:right}}td:last-child,th:last-child{{text-align:left}}svg{{max-width:100%;height:auto}}</style>\
-         {svg}<h2>What happened</h2><p>{1} on {2}: {3}.</p><ul>",
+        "<!doctype html><html lang=\"en\"><meta \
+         charset=\"utf-8\"><title>{0}</title><style>body{{font:14px sans-serif;margin:24px;max-width:1120px}}table{{border-collapse:collapse}}td,th{{padding:3px 10px;border-bottom:1px solid #ddd;text-align:right}}td:last-child,th:last-child{{text-align:left}}svg{{max-width:100%;height:auto}}</style>{svg}<h2>What \
+         happened</h2><p>{1} on {2}: {3}.</p><ul>",
         escape(&trial.job.name),
         escape(&trial.job.name),
         escape(machine),

@@ -374,8 +374,9 @@ fn steep_entry(settings: &TurningSettings) -> Option<String> {
     let fraction = added_mm / regime.depth_max_mm;
     (fraction > MAX_FRACTION).then(|| {
         format!(
-            "a revolution at the entry feed adds {added_mm:.3} mm of depth, {:.0} % of the deepest cut: the load may exceed 1.3 times the \
-             set load, and more passes than planned may be needed; raise the set load, or reduce the feeds or the lead angle",
+            "a revolution at the entry feed adds {added_mm:.3} mm of depth, {:.0} % of the deepest cut: the \
+             load may exceed 1.3 times the set load, and more passes than planned may be needed; raise the \
+             set load, or reduce the feeds or the lead angle",
             100.0 * fraction
         )
     })

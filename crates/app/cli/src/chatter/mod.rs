@@ -100,7 +100,8 @@ pub(crate) fn run(
     ] {
         if given && case.oscillation.is_none() {
             return Err(CommandError::Usage(format!(
-                "{}: {option} is for self-oscillation: the case has no [cut], [force] and [tool]; leave it out",
+                "{}: {option} is for self-oscillation: the case has no [cut], [force] and [tool]; leave it \
+                 out",
                 args.case.display()
             )));
         }

@@ -185,8 +185,8 @@ fn a_radial_law_of_its_own_is_read_and_named() {
     let folder = tempfile::tempdir().unwrap();
     let case = folder.path().join("case.toml");
     std::fs::write(&case, text.replace(given, "radial_law = \"py.toml\"")).unwrap();
-    let law = "name = \"py-power\"\ndescription = \"measured\"\nkind = \"power\"\n[power]\ncoefficient_n = 900.0\n\
-               speed_exponent = -0.3\ndepth_exponent = 0.7\nfeed_exponent = 0.6\n";
+    let law = "name = \"py-power\"\ndescription = \"measured\"\nkind = \"power\"\n[power]\n\
+               coefficient_n = 900.0\nspeed_exponent = -0.3\ndepth_exponent = 0.7\nfeed_exponent = 0.6\n";
     let args = ChatterArgs {
         case,
         ..ChatterArgs::default()
@@ -352,7 +352,8 @@ fn warned_within(
     chatter_warnings(&file, &setup, &case_file, bounds)
 }
 
-const SHAFT: &str = "G21 G18 G90 G94\nM3 S191\nG0 X60 Z410\nG1 X50 F93.6\nG1 Z300\nG0 X60 Z410\nS128\nG1 X50 F62.72\nG1 Z300\nM2\n";
+const SHAFT: &str = "G21 G18 G90 G94\nM3 S191\nG0 X60 Z410\nG1 X50 F93.6\nG1 Z300\nG0 X60 Z410\nS128\n\
+                     G1 X50 F62.72\nG1 Z300\nM2\n";
 
 #[test]
 fn lines_that_would_vibrate_are_named_with_the_nearest_stable_speed() {
@@ -443,7 +444,8 @@ fn predictions_for_turning_are_refused_on_a_mill() {
 #[test]
 fn an_endless_loop_is_left_at_the_bound_of_the_check() {
     let case = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
-    let program = "G21 G18 G90 G94\nM3 S191\nG0 X60 Z410\nG1 X50 F93.6\no1 while [1]\nG1 Z300\nG0 Z410\no1 endwhile\nM2\n";
+    let program = "G21 G18 G90 G94\nM3 S191\nG0 X60 Z410\nG1 X50 F93.6\no1 while [1]\nG1 Z300\nG0 Z410\n\
+                   o1 endwhile\nM2\n";
     let bounds = CheckBounds {
         round: 1000,
         ..CheckBounds::whole(1)

@@ -62,8 +62,8 @@ fn write_comparison(out: &mut dyn Write, c: &Comparison) -> io::Result<()> {
         Some((path_mm, line)) => {
             writeln!(
                 out,
-                "their positions differ from {path_mm:.3} mm on (line {line}), by at most {:.6} mm, at {:.3} mm \
-                 (line {})",
+                "their positions differ from {path_mm:.3} mm on (line {line}), by at most {:.6} mm, at \
+                 {:.3} mm (line {})",
                 c.max_deviation_mm, c.deviation_at_mm, c.deviation_line
             )?;
             if let Some(degrees) = c.max_rotary_deviation_deg {

@@ -114,7 +114,9 @@ pub(super) fn run(args: &ExportArgs, err: &mut dyn Write) -> Result<Ending, Comm
     check_outputs([args.output.as_path()], [(args.file.as_path(), "the trace")])?;
     if channel == ExportChannel::Events && args.part.lines.is_some() {
         return Err(CommandError::Usage(
-            "events belong to no line of the program: select them by --from and --to, or export cycles or blocks".to_owned(),
+            "events belong to no line of the program: select them by --from and --to, or export cycles or \
+             blocks"
+                .to_owned(),
         ));
     }
     let selection = args.part.selection()?;

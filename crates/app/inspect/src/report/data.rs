@@ -335,7 +335,8 @@ fn read_with(switched: &Switched) -> String {
     let state = &switched.state;
     let words = |on: bool| if on { "on" } else { "off" };
     format!(
-        "read ahead behind line {}: single step {}, optional stop {}, block delete {}, rapid override {:.0} %",
+        "read ahead behind line {}: single step {}, optional stop {}, block delete {}, rapid override {:.0} \
+         %",
         switched.line,
         words(state.single_step),
         words(state.optional_stop),

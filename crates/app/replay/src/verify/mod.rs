@@ -128,8 +128,8 @@ fn explain_surroundings(opened: &Opened, verified: &mut Verified) {
     let recorded = opened.run.extra.get("platform").map_or("unknown", String::as_str);
     if recorded != platform {
         verified.explanations.push(format!(
-            "the trace was recorded on {recorded}, this is {platform}: floating point is the same by the standard, \
-             compilers may not be"
+            "the trace was recorded on {recorded}, this is {platform}: floating point is the same by the \
+             standard, compilers may not be"
         ));
     }
     let hash = evolvent_trace::configuration_hash(&[opened.machine_text.as_bytes()]);

@@ -98,14 +98,16 @@ impl<'a> Watch<'a> {
         };
         if let Some(starved) = self.first_starved.filter(|starved| first >= *starved) {
             verified.explanations.push(format!(
-                "the planner of the recorded run had not finished in time at cycle {starved} (flag STARVED): the \
-                 progress of a classic planner is not recorded, so the run may be recomputed only up to there"
+                "the planner of the recorded run had not finished in time at cycle {starved} (flag \
+                 STARVED): the progress of a classic planner is not recorded, so the run may be recomputed \
+                 only up to there"
             ));
         }
         if let Some(missed) = self.first_missed.filter(|missed| first >= *missed) {
             verified.explanations.push(format!(
-                "the planner of the recorded run was late in motion at cycle {missed}, with the answer to another \
-                 override or with what follows a window: traces of version 0.1 may not tell enough of that to recompute it"
+                "the planner of the recorded run was late in motion at cycle {missed}, with the answer to \
+                 another override or with what follows a window: traces of version 0.1 may not tell enough \
+                 of that to recompute it"
             ));
         }
     }

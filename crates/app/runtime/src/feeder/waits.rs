@@ -200,8 +200,12 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             reached = reached && self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
         }
         Ok((!reached && !self.is_abandoned()).then(|| {
-            let message = format!("{} did not reach {speed} within {timeout_s} s, and feed waits for it", with_article(number));
-            let help = "see its drive and its speed; at_speed_timeout_s at its [[spindle]] in the machine file gives it more time";
+            let message = format!(
+                "{} did not reach {speed} within {timeout_s} s, and feed waits for it",
+                with_article(number)
+            );
+            let help = "see its drive and its speed; at_speed_timeout_s at its [[spindle]] in the machine \
+                        file gives it more time";
             (message, help.to_owned())
         }))
     }
@@ -300,9 +304,14 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             words.collect::<Vec<_>>().join(" ")
         };
         let text = match result.verdict {
-            ProbeVerdict::Contact => format!("probe changed at {} (machine coordinates)", place(&result.position)),
+            ProbeVerdict::Contact => format!(
+                "probe changed at {} (machine coordinates)",
+                place(&result.position)
+            ),
             ProbeVerdict::Imagined => {
-                "warning: time is not real and no contact is known: the move goes to its end, as if the probe had not changed".to_owned()
+                "warning: time is not real and no contact is known: the move goes to its end, as if the \
+                 probe had not changed"
+                    .to_owned()
             }
             _ => "probe: no change".to_owned(),
         };

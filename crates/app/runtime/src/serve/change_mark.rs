@@ -76,8 +76,8 @@ impl ChangeMark {
     /// What is not known, and what to do.
     pub(crate) fn sentence(self) -> String {
         format!(
-            "{}, so it is not known which tool is in the spindle: look, see that the changer is clear, and name the tool by MDI, \
-             such as M61 Q3, or M61 Q0 for none",
+            "{}, so it is not known which tool is in the spindle: look, see that the changer is clear, and \
+             name the tool by MDI, such as M61 Q3, or M61 Q0 for none",
             self.what()
         )
     }

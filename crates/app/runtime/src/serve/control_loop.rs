@@ -182,7 +182,8 @@ impl ControlLoop {
             };
             *told = true;
             let text = format!(
-                "messages of {what} are discarded, because {fault}: what they say is unknown; see the bridge that sends them"
+                "messages of {what} are discarded, because {fault}: what they say is unknown; see the \
+                 bridge that sends them"
             );
             tell(ServeNews::Note(&text));
             self.operator.record(ExternalEventKind::Warning, 0, text, None);

@@ -53,7 +53,8 @@ impl Operator {
             }
             CycleEvent::Guard { sequence, violation } => {
                 let text = format!(
-                    "the guard refused a setpoint: {violation}; the machine was stopped. Please report it with the trace"
+                    "the guard refused a setpoint: {violation}; the machine was stopped. Please report it \
+                     with the trace"
                 );
                 self.raise(sequence, Alarm::Guard, text);
             }

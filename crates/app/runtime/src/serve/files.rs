@@ -218,7 +218,8 @@ impl Readers {
     ) -> Result<Reading, Rejection> {
         if Arc::strong_count(&self.alive) > MAX_HUNG {
             let text = format!(
-                "{MAX_HUNG} files are still waited for; repair or unmount the file system that does not reply, or restart the core"
+                "{MAX_HUNG} files are still waited for; repair or unmount the file system that does not \
+                 reply, or restart the core"
             );
             return Err(Rejection::new(Alarm::File, text));
         }

@@ -92,8 +92,10 @@ impl Operator {
     pub(super) fn end_homing(&mut self) {
         if let Job::Homing { cancelled, .. } = &self.job {
             if cancelled.is_none() {
-                self.message
-                    .tell("homing was stopped: the axes were not at rest when machine zero was to be set; home again");
+                self.message.tell(
+                    "homing was stopped: the axes were not at rest when machine zero was to be set; \
+                           home again",
+                );
             }
             self.cancel_homing(JobResult::Stopped);
             self.order(CycleCommand::Stop);
@@ -363,7 +365,8 @@ mod tests {
         let two = [0, 2].into_iter().collect::<AxisMask>();
         assert_eq!(
             reference_lost(two, AxisMask::one(2), &Axes::default()),
-            "the link to drives XZ was lost or positions jumped: home XZ again; jog to Z0 first (without [[homing]], HOME only declares it)"
+            "the link to drives XZ was lost or positions jumped: home XZ again; jog to Z0 first (without \
+             [[homing]], HOME only declares it)"
         );
     }
 }

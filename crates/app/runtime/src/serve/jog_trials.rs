@@ -174,7 +174,8 @@ fn random_jogs_keep_the_speed_and_the_distance_asked_for_and_the_dead_man() {
                     if bench.now > changed_at + SETTLES {
                         assert!(
                             speed <= bound(axis.last),
-                            "motion {motion}: axis {i} still at {speed} mm/s, asked for {axis:?}, {moment} ms: {log:?}"
+                            "motion {motion}: axis {i} still at {speed} mm/s, asked for {axis:?}, {moment} \
+                             ms: {log:?}"
                         );
                     }
                     assert!(

@@ -111,7 +111,8 @@ impl Operator {
         let (Some(axis), None) = (axes.next(), axes.next()) else {
             return Err(Rejection::new(
                 Alarm::CannotLeave,
-                "while a program is held only one axis is jogged at a time, so that the way back is the reverse of the jogs",
+                "while a program is held only one axis is jogged at a time, so that the way back is the \
+                 reverse of the jogs",
             ));
         };
         let here = self.view.setpoint.position;
@@ -256,8 +257,9 @@ impl Operator {
         let known = self.view.leaving.blocks_before;
         if blocks > known {
             let text = format!(
-                "the path can be retraced by {known} block starts from here, not by {blocks}: before them the program \
-                 had an action, an output, a probing move or a thread, or the path is no longer stored"
+                "the path can be retraced by {known} block starts from here, not by {blocks}: before them \
+                 the program had an action, an output, a probing move or a thread, or the path is no longer \
+                 stored"
             );
             return Err(Rejection::new(Alarm::CannotRetrace, text));
         }

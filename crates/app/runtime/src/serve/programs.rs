@@ -127,7 +127,8 @@ fn way_there(start: &Start) -> String {
     };
     let line = start.restart.line;
     format!(
-        "{BEFORE_LINE}{line}; the way there (machine coordinates): {steps}. RESUME goes, STOP ends. As after: {}",
+        "{BEFORE_LINE}{line}; the way there (machine coordinates): {steps}. RESUME goes, STOP ends. As \
+         after: {}",
         start.restart.modes
     )
 }

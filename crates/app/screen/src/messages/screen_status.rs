@@ -24,7 +24,8 @@ pub struct ScreenStatus {
     pub activity: String,
     /// A name of the list of the bus.
     #[ts(
-        type = "'idle' | 'running' | 'holding' | 'held' | 'stopping' | 'stopped' | 'dwell' | 'program_stop' | 'fault' | 'done'"
+        type = "'idle' | 'running' | 'holding' | 'held' | 'stopping' | 'stopped' | 'dwell' | 'program_stop' \
+                | 'fault' | 'done'"
     )]
     pub state: String,
     /// A name of the list of the bus.

@@ -67,7 +67,8 @@ fn the_velocity_after_lost_frames_is_that_of_the_time_between_the_samples() {
 /// A multi-turn counter without `absolute`, 500 turns from its zero.
 #[test]
 fn a_drive_that_is_homed_begins_at_zero_and_keeps_its_place_over_sessions() {
-    let homing = "\n[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 50\nlatch_mm_s = 5\nswitch_mm = -5\n";
+    let homing = "\n[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 50\nlatch_mm_s = 5\n\
+                  switch_mm = -5\n";
     // 2^20 increments a turn of 5 mm.
     let turns = |turns: f64| DriveInputs {
         position: (turns * 1_048_576.0) as i32,

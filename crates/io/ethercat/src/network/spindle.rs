@@ -144,7 +144,8 @@ impl SpindleFile {
                 return Err(sheet.error(
                     key,
                     "index_probe, absolute_zero and index = \"none\" exclude each other".to_owned(),
-                    "give index_probe for an encoder with a zero impulse, absolute_zero for one that knows its angle",
+                    "give index_probe for an encoder with a zero impulse, absolute_zero for one that knows \
+                     its angle",
                 ));
             }
         };

@@ -193,14 +193,16 @@ pub(super) fn check_gantries(axes: &[BoardAxis], sheet: &ConfigDocument<'_>) -> 
             return Err(sheet.error(
                 &key,
                 "one motor has a step generator, the other an encoder".to_owned(),
-                "give both `stepgen`, or both `encoder` and `pwm`: motors that follow in different ways rack the beam",
+                "give both `stepgen`, or both `encoder` and `pwm`: motors that follow in different ways \
+                 rack the beam",
             ));
         }
         if first.zero != second.zero {
             return Err(sheet.error(
                 &format!("axis[{i}].zero"),
                 "the motors of a gantry start at different coordinates".to_owned(),
-                "give `zero` to both or to neither; switches that are not square are what squaring_offset is for",
+                "give `zero` to both or to neither; switches that are not square are what squaring_offset \
+                 is for",
             ));
         }
         let key = format!("axis[{i}].home_switch");

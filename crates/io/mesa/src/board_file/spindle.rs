@@ -204,8 +204,8 @@ impl SpindleFile {
                 return Err(sheet.error(
                     &at(name),
                     format!("{name} is reported with the angle, and this spindle has no encoder"),
-                    "give encoder and counts_per_rev; without an encoder make the pin an [[input]], and name it as \
-                     at_speed_input in the machine file",
+                    "give encoder and counts_per_rev; without an encoder make the pin an [[input]], and \
+                     name it as at_speed_input in the machine file",
                 ));
             }
         }
@@ -345,11 +345,13 @@ impl SpindleFile {
                 }
                 let pin = PinFile::check_driven(Some(orient), sheet, &at("orient"))?;
                 let reached = PinFile::check_any(Some(oriented), sheet, &at("oriented"))?;
-                Ok(pin.zip(reached).map(|(command, reached)| SpindleOrienting::Drive {
-                    command,
-                    reached,
-                    angle_deg,
-                }))
+                Ok(pin
+                    .zip(reached)
+                    .map(|(command, reached)| SpindleOrienting::Drive {
+                        command,
+                        reached,
+                        angle_deg,
+                    }))
             }
             (Some(_), ..) => Err(sheet.error(
                 &at("orientation"),
@@ -359,7 +361,8 @@ impl SpindleFile {
             _ => Err(sheet.error(
                 key,
                 "orient and oriented belong together".to_owned(),
-                "give the output that makes the drive turn the spindle to its angle, and the input that says it is there",
+                "give the output that makes the drive turn the spindle to its angle, and the input that \
+                 says it is there",
             )),
         }
     }

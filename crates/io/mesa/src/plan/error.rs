@@ -94,7 +94,8 @@ pub enum PlanError {
     },
     /// A watchdog that would trip between two packets.
     #[error(
-        "watchdog_ms is {watchdog_ms}, and packets come every {period_ms:.3} ms: give at least two periods, better ten"
+        "watchdog_ms is {watchdog_ms}, and packets come every {period_ms:.3} ms: give at least two periods, \
+         better ten"
     )]
     Watchdog {
         /// Its time.
@@ -138,8 +139,8 @@ pub enum PlanError {
     },
     /// A counter of 16 bits may turn over before the session ends for lack of replies.
     #[error(
-        "{what} {unit} turns over in {longest_ms:.1} ms at 1.2 times the maximum speed, which is not seen while max_lost_packets = \
-         {max_lost} replies are missing: {}",
+        "{what} {unit} turns over in {longest_ms:.1} ms at 1.2 times the maximum speed, which is not seen \
+         while max_lost_packets = {max_lost} replies are missing: {}",
         cure(*.permitted)
     )]
     TurnsOver {

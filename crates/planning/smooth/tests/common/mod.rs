@@ -415,7 +415,8 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                         - 1;
                     assert!(
                         ratio <= 1.0,
-                        "{what}: {ratio} of the tolerance at {}, {:?} block {near} from {} to {}, before {:?} here {:?}, stretch from {u} of {} blend {}",
+                        "{what}: {ratio} of the tolerance at {}, {:?} block {near} from {} to {}, before \
+                         {:?} here {:?}, stretch from {u} of {} blend {}",
                         u + x,
                         &blocks[near.max(3) - 3..(near + 2).min(blocks.len())],
                         programmed.starts[near],

@@ -154,7 +154,8 @@ pub(crate) fn g_code(tenths: u32) -> Option<(&'static str, &'static str)> {
         ),
         650 | 660 | 661 | 670 => (
             "macro calls (G65, G66, G67) are not codes of this dialect: subroutines are called by O-words",
-            "write O1000 call [1] [2], whose values are #1 and #2 in O1000 sub ... O1000 endsub; or M98 P1000",
+            "write O1000 call [1] [2], whose values are #1 and #2 in O1000 sub ... O1000 endsub; or M98 \
+             P1000",
         ),
         541 => (
             "G54.1 is not a code of this dialect: there are nine work offsets",
@@ -170,8 +171,8 @@ pub(crate) fn g_code(tenths: u32) -> Option<(&'static str, &'static str)> {
         ),
         320 => (
             "G32 is not a code of this dialect: threading is G33",
-            "write G33 with K, the pitch, or the cycle G76; fanuc_threads = true in [program] of the machine file reads G32 and G92 \
-             as Fanuc's lathes do",
+            "write G33 with K, the pitch, or the cycle G76; fanuc_threads = true in [program] of the \
+             machine file reads G32 and G92 as Fanuc's lathes do",
         ),
         500 | 510 => (
             "scaling (G50, G51) is not a code of this dialect",

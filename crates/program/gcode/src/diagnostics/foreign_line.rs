@@ -68,7 +68,8 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
         return Some(again(
             fault,
             "text after %, which stands alone on its line",
-            "write % alone on the first line and on the last, and what follows it on the next line; a name can be a comment: (PART 1)",
+            "write % alone on the first line and on the last, and what follows it on the next line; a name \
+             can be a comment: (PART 1)",
         ));
     }
     if upper.starts_with('$') && !matches!(fault.code, Code::SpindleSelection | Code::UnusedWord) {
@@ -95,7 +96,8 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
             fault,
             format!(":{number} is a program number in another dialect"),
             format!(
-                "delete it, or write it as a comment: (O{number}); a subroutine is O{number} sub ... O{number} endsub"
+                "delete it, or write it as a comment: (O{number}); a subroutine is O{number} sub ... \
+                 O{number} endsub"
             ),
         ));
     }
@@ -307,7 +309,8 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
         return Some(again(
             fault,
             "M29, rigid tapping, is not a code of this dialect",
-            "delete it: G84 and G74 follow a spindle with feedback anyway; G33.1 Z.. K.. taps with the lead K",
+            "delete it: G84 and G74 follow a spindle with feedback anyway; G33.1 Z.. K.. taps with the lead \
+             K",
         ));
     }
     if let Some(better) = machine_code(block, fault).or_else(|| unused_p(block, fault)) {
@@ -338,7 +341,8 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
         return Some(again(
             fault,
             format!(
-                "tool {number} is not in the tool table; T{number:04} is tool {} with offset {} on other lathes",
+                "tool {number} is not in the tool table; T{number:04} is tool {} with offset {} on other \
+                 lathes",
                 number / 100,
                 number % 100
             ),
@@ -366,17 +370,28 @@ fn threads(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> 
     let span = span_of(block, b'G', 76.0)?;
     if !around.is_lathe && has(block, b'R') && !has(block, b'I') {
         return Some(
-            Fault::new(fault.code, span, "G76 is a threading cycle in this dialect, not fine boring").help(
-                "write G86, which stops the spindle at the bottom, or G1 to the bottom, M19 R0, a small move aside and G0 out",
+            Fault::new(
+                fault.code,
+                span,
+                "G76 is a threading cycle in this dialect, not fine boring",
+            )
+            .help(
+                "write G86, which stops the spindle at the bottom, or G1 to the bottom, M19 R0, a small \
+                 move aside and G0 out",
             ),
         );
     }
     let foreign = has(block, b'X') || has(block, b'F') || has(block, b'P') && !has(block, b'K');
     foreign.then(|| {
-        let words = "write G76 P1.5 Z-20 I-1 J0.3 R1 K0.92 Q29.5 E0.5 L0: P lead, Z end, I thread crest beside the start, J first depth, K \
-                     full depth; the start is the position before it";
-        Fault::new(fault.code, span, "G76 is one line with other words in this dialect: P is the lead, and depths are in I, J and K")
-            .help(words)
+        let words = "write G76 P1.5 Z-20 I-1 J0.3 R1 K0.92 Q29.5 E0.5 L0: P lead, Z end, I thread crest \
+                     beside the start, J first depth, K full depth; the start is the position before it";
+        Fault::new(
+            fault.code,
+            span,
+            "G76 is one line with other words in this dialect: P is the lead, and \
+                                      depths are in I, J and K",
+        )
+        .help(words)
     })
 }
 

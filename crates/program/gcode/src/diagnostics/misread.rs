@@ -23,12 +23,13 @@ const STOP: usize = 3006;
 pub(crate) fn assignment(assignments: &[(Target, f64)], has_comment: bool) -> Option<String> {
     assignments.iter().find_map(|(target, value)| match *target {
         Target::Numbered(ALARM) if has_comment || (1.0..=999.0).contains(value) && value.fract() == 0.0 => Some(
-            "#3000 is an ordinary parameter in this dialect, and the program continues; write (ABORT, text) to end it with a message"
+            "#3000 is an ordinary parameter in this dialect, and the program continues; write (ABORT, text) \
+             to end it with a message"
                 .to_owned(),
         ),
         Target::Numbered(STOP) if has_comment || *value == 1.0 => Some(
-            "#3006 is an ordinary parameter in this dialect, and the program continues; write (MSG, text) and M0 on the next line to \
-             stop with a message"
+            "#3006 is an ordinary parameter in this dialect, and the program continues; write (MSG, text) \
+             and M0 on the next line to stop with a message"
                 .to_owned(),
         ),
         _ => None,
@@ -46,10 +47,11 @@ pub(crate) fn on_lathe(
         return Ok(Some(tool));
     }
     if line.once() == Some(NonModal::SetOffset) && line.has(b'F') {
-        let message = "G92 with F is the threading cycle of other lathes; here G92 sets an offset, and no thread is cut";
+        let message = "G92 with F is the threading cycle of other lathes; here G92 sets an offset, and no \
+                       thread is cut";
         return Err(Fault::new(Code::UnusedWord, line.span(b'F'), message).help(
-            "fanuc_threads = true in [program] of the machine file reads G32 and G92 as Fanuc's lathes do; G76 is the threading \
-             cycle of this dialect; to set an offset, leave F out",
+            "fanuc_threads = true in [program] of the machine file reads G32 and G92 as Fanuc's lathes do; \
+             G76 is the threading cycle of this dialect; to set an offset, leave F out",
         ));
     }
     if let Some((name, span)) = turning_cycle(line) {
@@ -57,7 +59,8 @@ pub(crate) fn on_lathe(
         let cut = "write each pass as G0 X.., G1 Z.. F.., G0 X.. and G0 Z..";
         if rapid && line.has(b'F') {
             let message = format!(
-                "{name} with X, Z and F is a turning cycle on other lathes; here the line moves at rapid to X Z, because G0 is active"
+                "{name} with X, Z and F is a turning cycle on other lathes; here the line moves at rapid to \
+                 X Z, because G0 is active"
             );
             return Err(Fault::new(Code::UnusedWord, span, message).help(format!(
                 "{cut}; for one straight move, write G0 or G1 on this line"
@@ -66,8 +69,8 @@ pub(crate) fn on_lathe(
         if rapid || line.has(b'F') {
             let how = if rapid { "at rapid" } else { "straight" };
             return Ok(Some(format!(
-                "{name} with X and Z is a turning cycle on other lathes; here the line moves {how} to X Z; {cut}, or the motion code \
-                 on this line if that is meant"
+                "{name} with X and Z is a turning cycle on other lathes; here the line moves {how} to X Z; \
+                 {cut}, or the motion code on this line if that is meant"
             )));
         }
     }
@@ -104,8 +107,8 @@ fn retract(line: &Statement, state: &mut State) -> Option<String> {
         && mode == FeedMode::PerRevolution
     {
         return Some(
-            "G98 is feed per minute on other lathes; here it is the retract of drilling cycles, and F remains per revolution; write \
-             G94 for feed per minute"
+            "G98 is feed per minute on other lathes; here it is the retract of drilling cycles, and F \
+             remains per revolution; write G94 for feed per minute"
                 .to_owned(),
         );
     }
@@ -117,8 +120,8 @@ fn retract(line: &Statement, state: &mut State) -> Option<String> {
     // Once.
     state.is_g99_alone = false;
     Some(format!(
-        "F{feed} is {feed} per minute: G99 is feed per revolution on other lathes, but here it is the retract of drilling cycles; write \
-         G95 for feed per revolution"
+        "F{feed} is {feed} per minute: G99 is feed per revolution on other lathes, but here it is the \
+         retract of drilling cycles; write G95 for feed per revolution"
     ))
 }
 
@@ -131,8 +134,8 @@ fn tool_and_offset(line: &Statement, tools: Option<&ToolTable>) -> Option<String
     }
     let (tool, offset) = (number / 100, number % 100);
     Some(format!(
-        "T{number:04} is tool {tool} with offset {offset} on other lathes; here it only selects tool {number} for the next M6, and no \
-         offset changes; write {}",
+        "T{number:04} is tool {tool} with offset {offset} on other lathes; here it only selects tool \
+         {number} for the next M6, and no offset changes; write {}",
         four_digits(number)
     ))
 }

@@ -197,8 +197,8 @@ impl Executor<'_> {
         let tool = self.tool(number, b'D', Group::CutterCompensation)?;
         if number == 0 {
             self.out(Action::Warning(
-                "no tool is in the spindle, so cutter compensation has diameter 0 and has no effect: load a tool by T.. M6, \
-                 name one by D.., or write the diameter with G41.1 D.. or G42.1 D.."
+                "no tool is in the spindle, so cutter compensation has diameter 0 and has no effect: load a \
+                 tool by T.. M6, name one by D.., or write the diameter with G41.1 D.. or G42.1 D.."
                     .to_owned(),
             ));
         }
@@ -501,7 +501,8 @@ impl Executor<'_> {
         let short = |which: &str, needed: f64, left: f64| {
             let (needed, left) = (needed / unit, left.max(0.0) / unit);
             format!(
-                "the move {which} this inner corner is too short for the tool of radius {radius:.4}: the corner takes {needed:.4}, but only {left:.4} are left"
+                "the move {which} this inner corner is too short for the tool of radius {radius:.4}: the \
+                 corner takes {needed:.4}, but only {left:.4} are left"
             )
         };
         let message = match misfit {

@@ -150,8 +150,8 @@ impl Executor<'_> {
     pub(crate) fn warn_of_dwell(&mut self, code: &str, seconds: f64) {
         if seconds >= LONG_DWELL_S && seconds.fract() == 0.0 {
             self.out(Action::Warning(format!(
-                "{code} P{seconds} waits {seconds} seconds, because P is in seconds in this dialect; {seconds} milliseconds are \
-                 P{}",
+                "{code} P{seconds} waits {seconds} seconds, because P is in seconds in this dialect; \
+                 {seconds} milliseconds are P{}",
                 seconds / 1000.0
             )));
         }
@@ -202,7 +202,9 @@ impl Executor<'_> {
         self.leave_compensation();
         if self.state.nurbs_order.is_some() {
             self.out(Action::Warning(
-                "the program ends between G5.2 and G5.3, so its last NURBS is not executed; write G5.3 at the end of it".to_owned(),
+                "the program ends between G5.2 and G5.3, so its last NURBS is not executed; write G5.3 at \
+                 the end of it"
+                    .to_owned(),
             ));
         }
         if self.state.modes.work_index != 0 {

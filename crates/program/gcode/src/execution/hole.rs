@@ -170,8 +170,10 @@ impl Executor<'_> {
     }
 
     fn refuse_hole(&self, error: &HoleError) -> Fault {
-        Fault::new(Code::HoleRefused, self.line.motion_span(), error.to_string())
-            .help("D is the diameter of the hole, E or the tool table that of the tool, Q the pitch, K the allowance")
+        Fault::new(Code::HoleRefused, self.line.motion_span(), error.to_string()).help(
+            "D is the diameter of the hole, E or the tool table that of the tool, Q the pitch, K the \
+                   allowance",
+        )
     }
 
     /// The path at one depth.

@@ -69,8 +69,8 @@ impl Executor<'_> {
             return;
         }
         self.out(Action::Warning(format!(
-            "G43 H{number} takes the length of tool {number}, but tool {present} is in the spindle: write H{present}, or G43 \
-             alone for the tool in the spindle"
+            "G43 H{number} takes the length of tool {number}, but tool {present} is in the spindle: write \
+             H{present}, or G43 alone for the tool in the spindle"
         )));
     }
 
@@ -114,8 +114,8 @@ impl Executor<'_> {
                     line.group_span(group)
                 };
                 Err(Fault::new(Code::UnknownTool, span, message).help(
-                    "name a tool table with --tools or program.tool_table of the machine file; program.without_tool_table = \
-                     \"zero\" there takes them as 0",
+                    "name a tool table with --tools or program.tool_table of the machine file; \
+                     program.without_tool_table = \"zero\" there takes them as 0",
                 ))
             }
         }

@@ -172,8 +172,8 @@ impl<R: BufRead> Interpreter<R> {
         self.parameters.commit();
         if self.parameters.assumption.is_none() {
             self.parameters.assumption = Some(Box::default());
-            let text = "no contact is known: the check assumes contact at the end of every probing move; an (ABORT), an error or the \
-                        end of the travel that depends on it is only a warning";
+            let text = "no contact is known: the check assumes contact at the end of every probing move; an \
+                        (ABORT), an error or the end of the travel that depends on it is only a warning";
             self.warn(text.to_owned());
         }
         let Some(assumption) = &mut self.parameters.assumption else {

@@ -130,7 +130,8 @@ impl<R: BufRead> Interpreter<R> {
         let Some(found) = found else {
             let message = format!("there is no subroutine O<{}>", text.as_str());
             return Err(Fault::new(Code::SubroutineMissing, span, message).help(
-                "define it by O<name> sub ... O<name> endsub in the program, or in a file name.ngc of a subroutine folder",
+                "define it by O<name> sub ... O<name> endsub in the program, or in a file name.ngc of a \
+                 subroutine folder",
             ));
         };
         if own {

@@ -58,13 +58,15 @@ impl<R: BufRead> Interpreter<R> {
         self.flow.arguments.clear();
         let number = self.shown_line();
         let (line, source) = (self.current.number, self.current.text.clone());
-        self.enter(&text, label, span, true, 1).map_err(|fault| match fault.code {
-            Code::SubroutineMissing => fault.help(
-                "Q names a subroutine that holds the profile: put it between O100 sub and O100 endsub before this line and \
-                 write Q100; block numbers (N100, as P and Q of other controls) are not looked for",
-            ),
-            _ => fault,
-        })?;
+        self.enter(&text, label, span, true, 1)
+            .map_err(|fault| match fault.code {
+                Code::SubroutineMissing => fault.help(
+                    "Q names a subroutine that holds the profile: put it between O100 sub and O100 endsub \
+                 before this line and write Q100; block numbers (N100, as P and Q of other controls) are \
+                 not looked for",
+                ),
+                _ => fault,
+            })?;
         self.capture = Some(Box::new(Capture {
             call,
             depth,

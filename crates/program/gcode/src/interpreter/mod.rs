@@ -475,7 +475,8 @@ impl<R: BufRead> Interpreter<R> {
     fn too_many_repeats(&self) -> Fault {
         let place = Span::new(0, self.current.text.len());
         let message = format!(
-            "lines with errors were executed {MAX_REPEATED_ERRORS} times more in loops; lines after this one were not checked"
+            "lines with errors were executed {MAX_REPEATED_ERRORS} times more in loops; lines after this \
+             one were not checked"
         );
         Fault::new(Code::TooManySteps, place, message).help("correct the errors reported before this one")
     }

@@ -183,7 +183,8 @@ impl<R: BufRead> Interpreter<R> {
             ),
             Some(end) => (
                 format!(
-                    "O<{other}> endsub without O<{other}> sub, inside O<{text}> sub{of_line}, which ends in line {end}"
+                    "O<{other}> endsub without O<{other}> sub, inside O<{text}> sub{of_line}, which ends in \
+                     line {end}"
                 ),
                 format!("remove this line, or write O<{other}> sub where that subroutine starts"),
             ),
@@ -314,8 +315,8 @@ impl<R: BufRead> Interpreter<R> {
             ""
         };
         format!(
-            "{what_ends} inside O<{name}> {begin} of line {}{of_file}, because O<{name}> {end} is missing{once}: write \
-             O<{name}> {end} after the last line that belongs to it",
+            "{what_ends} inside O<{name}> {begin} of line {}{of_file}, because O<{name}> {end} is \
+             missing{once}: write O<{name}> {end} after the last line that belongs to it",
             self.line_in_frame(frame, open)
         )
     }
@@ -386,7 +387,8 @@ impl<R: BufRead> Interpreter<R> {
         let message = format!("O<{name}> sub is missing in {file}");
         let help = match inside {
             Some((other, line)) => format!(
-                "line {line} has O<{}> sub: write the name of the file there and at its endsub, or call the other name",
+                "line {line} has O<{}> sub: write the name of the file there and at its endsub, or call the \
+                 other name",
                 other.as_str()
             ),
             None => format!("write O<{name}> sub before its first line, and O<{name}> endsub after the last"),

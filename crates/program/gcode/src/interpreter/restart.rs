@@ -270,7 +270,8 @@ impl<R: BufRead> Interpreter<R> {
 
     fn depends_on_contact(&self, line: u32, probing: u32) -> Diagnostic {
         let message = format!(
-            "line {line} comes after the probing move of line {probing}, whose contact sets what follows and is not known"
+            "line {line} comes after the probing move of line {probing}, whose contact sets what follows \
+             and is not known"
         );
         Fault::new(
             Code::RestartRefused,
@@ -278,7 +279,8 @@ impl<R: BufRead> Interpreter<R> {
             message,
         )
         .help(
-            "start at the probing move or before it; or set the offsets by MDI and run a copy of the program without the probing",
+            "start at the probing move or before it; or set the offsets by MDI and run a copy of the \
+             program without the probing",
         )
         .locate(self.current.number, &self.current.text)
     }
@@ -286,7 +288,8 @@ impl<R: BufRead> Interpreter<R> {
     fn after_the_end(&self, line: u32) -> Diagnostic {
         let end = self.current.number;
         let message = format!("the program ends in line {end}, before line {line}");
-        let help = "lines after the end are of subroutines, if any: choose the line that calls it (M98 P.. or O<name> call)";
+        let help = "lines after the end are of subroutines, if any: choose the line that calls it (M98 P.. \
+                    or O<name> call)";
         Fault::new(
             Code::RestartRefused,
             Span::new(0, self.current.text.len()),

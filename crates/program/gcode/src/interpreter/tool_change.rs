@@ -113,7 +113,8 @@ impl<R: BufRead> Interpreter<R> {
             if fault.code == Code::SubroutineMissing {
                 let message = format!("M6 needs the subroutine O<{name}>, and there is none");
                 Fault::new(Code::SubroutineMissing, span, message).help(format!(
-                    "put {name}.ngc into a folder of program.subroutines; program.tool_change_subroutine of the machine file names it"
+                    "put {name}.ngc into a folder of program.subroutines; program.tool_change_subroutine of \
+                     the machine file names it"
                 ))
             } else {
                 fault

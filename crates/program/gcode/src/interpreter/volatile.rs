@@ -137,7 +137,8 @@ mod tests {
     #[test]
     fn persistent_and_system_parameters_are_omitted() {
         let kept = KeptParameters::parse("77 1\n").unwrap();
-        let text = "#1=4 #77=9 #5161=3 #<b>=2 #<a>=0 #<_global>=7 #4999=1\no<s> sub\n#1=8 #<b>=6 #2=#<_line>\no<s> endsub\no<s> call [5]\n";
+        let text = "#1=4 #77=9 #5161=3 #<b>=2 #<a>=0 #<_global>=7 #4999=1\no<s> sub\n\
+                    #1=8 #<b>=6 #2=#<_line>\no<s> endsub\no<s> call [5]\n";
         let left = after(text).volatile_parameters(&kept);
         assert_eq!(left, "#1=4\n#4999=1\n#<_global>=7\n#<a>=0\n#<b>=2\n");
         // Ended inside a subroutine.

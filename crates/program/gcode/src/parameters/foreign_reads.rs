@@ -39,7 +39,8 @@ impl ForeignReads {
     fn tell(&mut self, index: usize) -> Option<String> {
         let (what, here) = name_here(index).filter(|_| self.told.insert(index))?;
         Some(format!(
-            "#{index}, {what} in other dialects, is an ordinary parameter here, and 0 because nothing has set it; {here}"
+            "#{index}, {what} in other dialects, is an ordinary parameter here, and 0 because nothing has \
+             set it; {here}"
         ))
     }
 }
@@ -51,7 +52,8 @@ fn name_here(index: usize) -> Option<(&'static str, &'static str)> {
         3011 | 3012 => ("date and time", "there is none"),
         4001..=4130 => (
             "an active code or word",
-            "#<_motion_mode>, #<_plane>, #<_metric>, #<_absolute>, #<_feed>, #<_rpm> and similar names tell the modes",
+            "#<_motion_mode>, #<_plane>, #<_metric>, #<_absolute>, #<_feed>, #<_rpm> and similar names tell \
+             the modes",
         ),
         5001..=5006 | 5041..=5046 => ("a position", "write #5420 for X to #5428 for W"),
         5021..=5026 => (

@@ -331,20 +331,26 @@ impl<'line, 'text> Evaluator<'line, 'text> {
                 self.scope.named(&name).ok_or_else(|| {
                     for (prefix, what) in [("_ini[", "an INI file"), ("_hal[", "HAL pins")] {
                         if name.as_str().starts_with(prefix) {
-                            let message = format!("#<{}> reads {what} of LinuxCNC, which does not exist here", name.as_str());
+                            let message = format!(
+                                "#<{}> reads {what} of LinuxCNC, which does not exist here",
+                                name.as_str()
+                            );
                             let place = Span::new(start, self.lexer.place());
                             return Fault::new(Code::UndefinedParameter, place, message).help(
-                                "write the number itself, or store it in a parameter: #<_limit> = 400 once, then #<_limit>",
+                                "write the number itself, or store it in a parameter: #<_limit> = 400 once, \
+                                 then #<_limit>",
                             );
                         }
                     }
                     let message = format!("#<{}> has not been set", name.as_str());
                     let place = Span::new(start, self.lexer.place());
-                    Fault::new(Code::UndefinedParameter, place, message).help(if name.as_str().starts_with('_') {
-                        "write #<_name> = value before it is read"
-                    } else {
-                        "names that do not start with _ are local to the subroutine in which they are set"
-                    })
+                    Fault::new(Code::UndefinedParameter, place, message).help(
+                        if name.as_str().starts_with('_') {
+                            "write #<_name> = value before it is read"
+                        } else {
+                            "names that do not start with _ are local to the subroutine in which they are set"
+                        },
+                    )
                 })
             }
         }

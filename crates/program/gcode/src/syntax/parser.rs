@@ -215,9 +215,12 @@ fn read_o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
         None => {
             let shown = String::from_utf8_lossy(&word[..length]).into_owned();
             let place = Span::new(before, lexer.place());
-            return Err(Fault::new(Code::OWord, place, format!("there is no O-word {shown}")).help(
-                "O-words are sub endsub call return, if elseif else endif, while endwhile do, repeat endrepeat, break continue",
-            ));
+            return Err(
+                Fault::new(Code::OWord, place, format!("there is no O-word {shown}")).help(
+                    "O-words are sub endsub call return, if elseif else endif, while endwhile do, repeat \
+                 endrepeat, break continue",
+                ),
+            );
         }
     };
     Ok(Some(OWord {

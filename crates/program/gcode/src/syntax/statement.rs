@@ -265,8 +265,8 @@ impl Statement {
         if !of_one && self.m(Group::Spindle).is_none() && !self.has(b'S') {
             let message = "no code on this line uses $, the spindle";
             return Err(Fault::new(Code::UnusedWord, span, message).help(
-                "it selects the spindle of S, M3, M4, M5, M19, M51, G33, G33.1, G76, G95, G96, G97 and of cycles that turn the \
-                 spindle",
+                "it selects the spindle of S, M3, M4, M5, M19, M51, G33, G33.1, G76, G95, G96, G97 and of \
+                 cycles that turn the spindle",
             ));
         }
         Ok(())
@@ -400,8 +400,8 @@ impl Statement {
         if matches!(code, Some(MCode::User(_))) && !user_codes.contains(&number) {
             let message = format!("M{number} is not configured");
             return Err(Fault::new(Code::UnsupportedM, span, message).help(
-                "M100 to M199 are the machine's own commands; those that exist stand in the machine file, [program] \
-                 user_codes",
+                "M100 to M199 are the machine's own commands; those that exist stand in the machine file, \
+                 [program] user_codes",
             ));
         }
         let Some(code) = code else {

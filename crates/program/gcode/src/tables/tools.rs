@@ -37,7 +37,8 @@ pub(crate) const MAX_ORIENTATION: u32 = 9;
 pub enum ToolTableError {
     /// An invalid word.
     #[error(
-        "line {line} of the tool table: \"{word}\" is not a letter with a number; write words such as T1 P1 D6 Z12.5"
+        "line {line} of the tool table: \"{word}\" is not a letter with a number; write words such as T1 P1 \
+         D6 Z12.5"
     )]
     Word {
         /// Line, from 1.
@@ -53,7 +54,8 @@ pub enum ToolTableError {
     },
     /// An invalid orientation of the tip.
     #[error(
-        "line {line} of the tool table: \"{word}\": the orientation of a turning tool is Q1 to Q9, that of a mill Q0"
+        "line {line} of the tool table: \"{word}\": the orientation of a turning tool is Q1 to Q9, that of \
+         a mill Q0"
     )]
     Orientation {
         /// Line, from 1.

@@ -9,7 +9,8 @@ use evolvent_runtime::Setup;
 /// A machine of equal axes with the limits of the standing bench, rotary ones in degrees.
 pub(crate) fn equal_axes(letters: &str, rate_hz: f64, planner: Option<PlannerKind>) -> Result<Setup, String> {
     let mut text = String::from(
-        "name = \"equal\"\ndescription = \"Equal axes\"\nkind = \"mill\"\nincrements_per_mm = 1000\nrate = 1000\n",
+        "name = \"equal\"\ndescription = \"Equal axes\"\nkind = \"mill\"\nincrements_per_mm = 1000\n\
+         rate = 1000\n",
     );
     if letters.contains(['A', 'B', 'C']) {
         text.push_str("increments_per_degree = 1000\n");
@@ -24,8 +25,9 @@ pub(crate) fn equal_axes(letters: &str, rate_hz: f64, planner: Option<PlannerKin
         // Writing to a string cannot fail.
         let _infallible = write!(
             text,
-            "[[axis]]\nletter = \"{letter}\"\nkind = \"{kind}\"\ntravel_min_{unit} = -10000\ntravel_max_{unit} = 10000\n\
-             max_velocity_{unit}_s = 200\nmax_acceleration_{unit}_s2 = 2000\nmax_jerk_{unit}_s3 = 50000\nhome_{unit} = 0\n"
+            "[[axis]]\nletter = \"{letter}\"\nkind = \"{kind}\"\ntravel_min_{unit} = -10000\n\
+             travel_max_{unit} = 10000\nmax_velocity_{unit}_s = 200\nmax_acceleration_{unit}_s2 = 2000\n\
+             max_jerk_{unit}_s3 = 50000\nhome_{unit} = 0\n"
         );
     }
     let file = PathBuf::from("equal.toml");

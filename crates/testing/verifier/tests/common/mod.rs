@@ -32,8 +32,9 @@ pub(crate) fn machine(letters: &str) -> Machine {
             ("linear", "mm")
         };
         text.push_str(&format!(
-            "[[axis]]\nletter = \"{letter}\"\nkind = \"{kind}\"\ntravel_min_{unit} = -10000\ntravel_max_{unit} = 10000\n\
-             max_velocity_{unit}_s = 200\nmax_acceleration_{unit}_s2 = 2000\nmax_jerk_{unit}_s3 = 50000\nhome_{unit} = 0\n"
+            "[[axis]]\nletter = \"{letter}\"\nkind = \"{kind}\"\ntravel_min_{unit} = -10000\n\
+             travel_max_{unit} = 10000\nmax_velocity_{unit}_s = 200\nmax_acceleration_{unit}_s2 = 2000\n\
+             max_jerk_{unit}_s3 = 50000\nhome_{unit} = 0\n"
         ));
     }
     Machine::parse(&text, "equal.toml").expect("machine")

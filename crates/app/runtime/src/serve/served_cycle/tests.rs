@@ -146,8 +146,8 @@ fn the_cycle_allocates_and_frees_nothing_however_long_it_runs_and_whatever_it_dr
 fn settings() -> SignalSettings {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
     let text = std::fs::read_to_string(file).unwrap();
-    let signals = "[[input]]\nname = \"chain\"\nnumber = 0\n[[output]]\nname = \"clamp\"\nnumber = 0\nsafe_on = true\n\
-                   [estop]\ninput = \"chain\"\n";
+    let signals = "[[input]]\nname = \"chain\"\nnumber = 0\n[[output]]\nname = \"clamp\"\nnumber = 0\n\
+                   safe_on = true\n[estop]\ninput = \"chain\"\n";
     let machine = Machine::parse(&format!("{text}{signals}"), "signals.toml").unwrap();
     machine.signals
 }

@@ -164,8 +164,8 @@ impl Executor<'_> {
         let Some(q) = self.line.word(b'Q') else { return };
         if q >= LONG_PECK && q.fract() == 0.0 && hole.q > hole.r - hole.bottom {
             self.out(Action::Warning(format!(
-                "{name} Q{q} is deeper than the hole, which is drilled without a peck, because Q is a length in the unit of the \
-                 program in this dialect; {q} micrometres are Q{}",
+                "{name} Q{q} is deeper than the hole, which is drilled without a peck, because Q is a \
+                 length in the unit of the program in this dialect; {q} micrometres are Q{}",
                 q / 1000.0
             )));
         }

@@ -101,7 +101,8 @@ impl Executor<'_> {
         if let Some((unit, instead)) = units.filter(|_| !line.has(b'Q') && !line.has_axes()) {
             let message = format!("{name} is a turning cycle in this dialect, not the selection of {unit}");
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message).help(format!(
-                "write {instead} for {unit}; the cycle needs G18 and Q, the number of the subroutine with the profile"
+                "write {instead} for {unit}; the cycle needs G18 and Q, the number of the subroutine with \
+                 the profile"
             )));
         }
         if self.state.plane() != Some(Plane::Zx) || self.state.rotation[0] != 0.0 {

@@ -191,7 +191,8 @@ impl Executor<'_> {
                 let cone = [r * across, l * unit];
                 if (cone[0] - x) * out < 0.0 || (z - cone[1]) * back < 0.0 {
                     let message = format!(
-                        "{name}: the cone from radius {:.4} at Z{:.4} to radius {:.4} at Z{:.4} does not continue outwards",
+                        "{name}: the cone from radius {:.4} at Z{:.4} to radius {:.4} at Z{:.4} does not \
+                         continue outwards",
                         shown(x),
                         shown(z),
                         shown(cone[0]),

@@ -172,7 +172,8 @@ impl Executor<'_> {
         {
             // Valid, but posts for other controls write the angle like this.
             self.out(Action::Warning(format!(
-                "M19 S{speed} turns the spindle to 0 degrees and sets its speed: write M19 R{speed} for an angle"
+                "M19 S{speed} turns the spindle to 0 degrees and sets its speed: write M19 R{speed} for an \
+                 angle"
             )));
         }
         let direction = match line.whole(b'P')? {

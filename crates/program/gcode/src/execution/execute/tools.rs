@@ -119,7 +119,8 @@ impl Executor<'_> {
                 from_pocket: pocket(tool, "write its line, such as T3 P3, into the tool table")?,
                 to_pocket: pocket(
                     present,
-                    "write its line into the tool table; M61 Q names the tool in the spindle if it is another",
+                    "write its line into the tool table; M61 Q names the tool in the spindle if it is \
+                     another",
                 )?,
             };
             self.warn_of_shared_pocket(tool, call.from_pocket);
@@ -128,7 +129,8 @@ impl Executor<'_> {
         }
         let Some(known) = row(tool) else {
             let help = if tool == 0 {
-                "a random tool changer stores the present tool in the pocket of T0: write a line such as T0 P5 for an empty pocket"
+                "a random tool changer stores the present tool in the pocket of T0: write a line such as T0 \
+                 P5 for an empty pocket"
             } else {
                 "write its line, such as T3 P3, into the tool table"
             };
@@ -137,7 +139,8 @@ impl Executor<'_> {
         let pocket = known.pocket;
         if pocket == 0 {
             let message = format!(
-                "tool {tool} has pocket 0 in the tool table, which is the spindle, but tool {present} is in it"
+                "tool {tool} has pocket 0 in the tool table, which is the spindle, but tool {present} is in \
+                 it"
             );
             return Err(wrong(
                 message,
@@ -175,8 +178,8 @@ impl Executor<'_> {
             .find(|other| *other != tool);
         if let Some(other) = other {
             self.out(Action::Warning(format!(
-                "pocket {pocket} has tool {tool} and tool {other} in the tool table: check the pocket, then correct P of the \
-                 other one in the tool table"
+                "pocket {pocket} has tool {tool} and tool {other} in the tool table: check the pocket, then \
+                 correct P of the other one in the tool table"
             )));
         }
     }
