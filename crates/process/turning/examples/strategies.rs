@@ -10,7 +10,7 @@ const SET_LOAD: f64 = 2200.0;
 /// Length of every piece, mm.
 const LENGTH_MM: f64 = 200.0;
 
-/// What is cut with, and how: without the stock.
+/// Tool and law of a case, without the stock.
 struct Case {
     law: CutLaw,
     tool: Tool,
@@ -110,7 +110,7 @@ impl Case {
         }
     }
 
-    /// Every strategy, with the sensor that it has.
+    /// Every strategy with its sensor.
     fn variants(&self) -> [(&'static str, TurningSettings, SensorModel); 6] {
         let (base, fast_regime) = (self.usual(), self.fast_regime);
         let sensor = SensorModel {
@@ -151,7 +151,7 @@ impl Case {
         ]
     }
 
-    /// Passes that adapt to the load.
+    /// Load-adaptive passes.
     fn adaptive(
         &self,
         blank: &Blank,
@@ -178,8 +178,7 @@ impl Case {
         })
     }
 
-    /// Passes of one depth and feed: those of the same load, the fastest ones where the stock is known, and
-    /// careful ones.
+    /// Fixed passes: at the same load, the fastest ones for known stock, and cautious ones.
     fn fixed(&self, blank: &Blank) -> [(&'static str, Figures); 3] {
         let (base, regime) = (self.usual(), &self.regime);
         let high_mm = blank.highest_mm(LENGTH_MM);

@@ -1,9 +1,9 @@
 //! Adaptive feed for any program: a factor of the programmed feed that holds a set load.
 //!
-//! LinuxCNC's M52 multiplies the feed by a pin and leaves law and protection to others. Here both are inside:
-//! the load at the programmed feed is worked out from the load and the feed of the moment
-//! (`load ~ feed^exponent`), and the factor follows from it at once, within limits and slew rates. What
-//! cannot be believed slows down and stops.
+//! LinuxCNC's M52 multiplies the feed by a pin and leaves law and protection to others. This type includes
+//! both: it computes the load at the programmed feed from the present load and feed (`load ~ feed^exponent`).
+//! The factor follows from that load at once, within limits and slew rates. Readings that fail the
+//! plausibility checks reduce the feed and then stop it.
 
 use evolvent_config::plain;
 use evolvent_machine::LoadSample;
@@ -13,21 +13,21 @@ use crate::law::CutLaw;
 use crate::state::Reason;
 use crate::watch::{LoadWatch, SensorTrouble};
 
-/// Smallest share of the programmed feed at which a load still tells something.
+/// Smallest fraction of the programmed feed at which the load still gives a depth.
 const MIN_FACTOR: f64 = 0.02;
-/// Turns without load after which the tool is in air.
+/// Revolutions without load after which the tool is in air.
 const AIR_TURNS: f64 = 1.1;
-/// Turns after the last good reading after which the feed stops.
+/// Revolutions after the last good reading after which the feed stops.
 const STAND_TURNS: f64 = 0.9;
-/// Time constants of the sensor for which a growing cut is taken to go on growing.
+/// Time constants of the sensor over which the growth of a cut is extrapolated.
 const AHEAD_LAGS: f64 = 2.0;
-/// Time constants of the sensor after which it shows what is cut.
+/// Time constants of the sensor after which it shows the load of the present cut.
 const SHOWN_LAGS: f64 = 3.0;
 
 /// Limits and reactions, for one tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdaptiveSettings {
-    /// The load to be held.
+    /// The load to hold.
     pub set_load: f64,
     /// Exponent of the feed in the load, 0.05 to 3.
     pub feed_exponent: f64,
@@ -35,11 +35,11 @@ pub struct AdaptiveSettings {
     pub factor_min: f64,
     /// Largest factor while cutting, up to 2.
     pub factor_max: f64,
-    /// Factor from the first contact until one turn has been felt.
+    /// Factor from the first contact until the tool has cut for one revolution.
     pub factor_entry: f64,
     /// Factor in air.
     pub factor_idle: f64,
-    /// Load above which there is contact.
+    /// Load above which the tool is in contact.
     pub contact_load: f64,
     /// Load above which the feed is held, ...
     pub overload: f64,
@@ -51,19 +51,18 @@ pub struct AdaptiveSettings {
     pub slew_down_per_s: f64,
     /// Longest time between two readings, s.
     pub stale_s: f64,
-    /// Time over which the load repeats: a revolution of the work (turning) or of the tool (milling), s.
+    /// Time over which the load repeats, s: a revolution of the work (turning) or of the tool (milling).
     pub turn_s: f64,
-    /// Edges that come by in a turn, each with a chip of its own: 1 in turning, the teeth of a cutter in
-    /// milling.
+    /// Edges that pass in a revolution, each with its own chip: 1 in turning, the number of teeth in milling.
     pub edges: u32,
-    /// Time constant of the sensor, with whatever delays its readings on their way, s.
+    /// Time constant of the sensor including delays of its readings, s.
     pub lag_s: f64,
     /// Control period, s.
     pub period_s: f64,
 }
 
 impl AdaptiveSettings {
-    /// Settings with usual values for everything that need not be chosen, for a sensor of 10 ms.
+    /// Usual values for a sensor with a time constant of 10 ms. Only the arguments have to be chosen.
     #[must_use]
     pub fn usual(set_load: f64, turn_s: f64, period_s: f64) -> Self {
         Self {
@@ -87,43 +86,43 @@ impl AdaptiveSettings {
     }
 }
 
-/// Why settings are refused.
+/// A setting is out of range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{name} is {}; it must lie from {least} to {most}", plain(*.value))]
 pub struct AdaptiveError {
-    /// Which.
+    /// Name of the setting.
     pub name: &'static str,
     /// Its value.
     pub value: f64,
-    /// Lowest.
+    /// Minimum.
     pub least: f64,
-    /// Highest.
+    /// Maximum.
     pub most: f64,
 }
 
 /// Why the feed is held.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AdaptiveStop {
-    /// The load was above the limit for too long.
+    /// The load exceeded the limit for too long.
     Overload {
         /// Load.
         load: f64,
         /// Limit.
         limit: f64,
     },
-    /// Even the smallest feed gives more than the overload limit would allow in a steady cut.
+    /// Even the smallest feed gives more than the overload limit in a steady cut.
     TooDeep {
-        /// Load that the smallest feed gives.
+        /// Load at the smallest feed.
         load: f64,
         /// The overload limit.
         limit: f64,
     },
-    /// The sensor cannot be believed.
+    /// The readings of the sensor are implausible.
     Sensor(SensorTrouble),
 }
 
 impl AdaptiveStop {
-    /// A sentence that tells what has happened and what to do.
+    /// A sentence for the operator: what happened and what to do.
     #[must_use]
     pub fn text(&self) -> String {
         match self {
@@ -140,23 +139,23 @@ impl AdaptiveStop {
     }
 }
 
-/// What the load asks of the feed in this cycle.
+/// Feed factor of one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdaptiveOutput {
-    /// Factor of the programmed feed; 0 holds it. To be multiplied with the operator's override where that is
-    /// below 1.
+    /// Factor of the programmed feed; 0 holds it. The caller multiplies it by the operator's override where
+    /// that is below 1.
     pub factor: f64,
-    /// Why the feed is held; stays until [`AdaptiveFeed::reset`].
+    /// Why the feed is held; kept until [`AdaptiveFeed::reset`].
     pub stop: Option<AdaptiveStop>,
-    /// Nothing is cut.
+    /// The tool is in air.
     pub in_air: bool,
 }
 
-/// Adaptive feed. A pure function of the readings; real-time safe.
+/// Adaptive feed. The output depends on the readings only. Real-time safe.
 ///
 /// ```
 /// use evolvent_turning::{AdaptiveFeed, AdaptiveSettings, LoadSample};
-/// // 1000 N, a turn of 0.12 s, a period of 1 ms.
+/// // 1000 N, a revolution of 0.12 s, a period of 1 ms.
 /// let mut feed = AdaptiveFeed::new(AdaptiveSettings::usual(1000.0, 0.12, 0.001))?;
 /// let mut factor = 1.0;
 /// for sequence in 1..2000_u32 {
@@ -183,10 +182,10 @@ pub struct AdaptiveFeed {
 }
 
 impl AdaptiveFeed {
-    /// Sets up, in air.
+    /// Creates the feed control, in air.
     ///
     /// # Errors
-    /// A setting that makes no sense.
+    /// A setting that is out of range.
     pub fn new(settings: AdaptiveSettings) -> Result<Self, AdaptiveError> {
         let s = &settings;
         for (name, value, least, most) in [
@@ -240,8 +239,8 @@ impl AdaptiveFeed {
             stop: None,
             overload_s: 0.0,
             blind_s: 0.0,
-            // The feed has to stop within a revolution of the last good reading, where that leaves time to
-            // notice.
+            // The feed has to stop within a revolution of the last good reading, less the time to detect the
+            // loss.
             blind_most_s: (STAND_TURNS * s.turn_s - LoadWatch::notice_s(s.stale_s, s.period_s))
                 .clamp(0.0, 0.5 * s.turn_s),
             air_s: f64::INFINITY,
@@ -250,8 +249,8 @@ impl AdaptiveFeed {
         })
     }
 
-    /// One control period. `driven` is the feed of the moment as a factor of the programmed one, as the axes
-    /// move and not as it is wished for; `cutting` whether the program feeds (and does not move in rapid).
+    /// Advances by one control period. `driven` is the actual feed of the axes as a factor of the programmed
+    /// feed. `cutting` is true while the program feeds and false during rapids.
     pub fn step(&mut self, sample: Option<LoadSample>, driven: f64, cutting: bool) -> AdaptiveOutput {
         let s = self.settings;
         let driven = if driven.is_finite() && cutting {
@@ -261,7 +260,7 @@ impl AdaptiveFeed {
         };
         let view = self.watch.step(sample, self.chip.step(driven));
         if !cutting {
-            // Rapids are none of ours; the next cut is met as a new one.
+            // Rapids are not adapted; the next cut starts with a new contact.
             (self.air_s, self.contact_s, self.blind_s) = (f64::INFINITY, 0.0, 0.0);
             self.watch.forget();
             self.factor = self.factor.min(s.factor_entry.max(s.factor_min));
@@ -284,8 +283,8 @@ impl AdaptiveFeed {
         } else if in_air {
             s.factor_idle
         } else {
-            // Load at the programmed feed, the largest of a turn where the cut is not even. What grows goes
-            // on growing while the sensor lags and the chip forms.
+            // Load at the programmed feed; its maximum over a revolution where the cut is uneven. Growth is
+            // extrapolated over the sensor's lag and the revolution in which the chip forms.
             let ahead = 1.0 + AHEAD_LAGS * s.lag_s / s.turn_s;
             let engaged = view.depth_mm.max(view.depth_now_mm + ahead * view.growth_mm);
             let held = libm::pow(s.set_load / engaged.max(1e-12), 1.0 / s.feed_exponent);
@@ -349,7 +348,7 @@ impl AdaptiveFeed {
         }
     }
 
-    /// Forgets what the feed was held for: the operator has looked.
+    /// Clears the reason for which the feed was held, after the operator's acknowledgement.
     pub fn reset(&mut self) {
         self.stop = None;
         self.overload_s = 0.0;
@@ -372,7 +371,7 @@ mod tests {
     fn a_failed_sensor_holds_within_a_revolution() {
         for fault in SensorFault::ALL
             .into_iter()
-            // Zero is what a sensor shows in air.
+            // A sensor reads zero in air as well.
             .filter(|fault| *fault != SensorFault::Zero)
         {
             let mut feed = AdaptiveFeed::new(settings()).unwrap();

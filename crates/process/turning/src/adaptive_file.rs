@@ -8,7 +8,7 @@ use serde::Deserialize;
 
 use crate::adaptive::{AdaptiveFeed, AdaptiveSettings};
 
-/// The key of each number, and what makes the file's unit of the setting's.
+/// The key of each number, and the factor from the file's unit to the setting's.
 const KEYS: [(&str, &str, f64); 15] = [
     ("the set load", "set_load", 1.0),
     ("the exponent of the feed", "feed_exponent", 1.0),
@@ -80,7 +80,7 @@ pub(crate) struct AdaptiveFile {
     slew_down_per_s: f64,
 }
 
-/// In turning there is one.
+/// Turning has one edge.
 const fn one_edge() -> u32 {
     1
 }
@@ -89,8 +89,8 @@ impl AdaptiveSettings {
     /// Reads the text of a file for a control period in s; `file` names it in errors.
     ///
     /// # Errors
-    /// Text that is not TOML (or JSON, where the name ends in .json), keys that are unknown, missing or make no sense: with
-    /// line and column.
+    /// Text that is not TOML (or JSON, if the name ends in .json), and keys that are unknown, missing or out
+    /// of range, with line and column.
     pub fn parse(text: &str, file: &str, period_s: f64) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::parse(text, file)?;
         let read: AdaptiveFile = sheet.read()?;
@@ -116,7 +116,7 @@ impl AdaptiveSettings {
             return Ok(settings);
         };
         let Some((_, key, scale)) = KEYS.iter().find(|(name, ..)| *name == error.name) else {
-            // The control period is none of the file's.
+            // The control period is not in the file.
             return Err(sheet.error(".", error.to_string(), "change the control rate of the machine"));
         };
         let (least, most) = (error.least * scale, error.most * scale);
@@ -125,7 +125,8 @@ impl AdaptiveSettings {
     }
 }
 
-/// The JSON schema of the file, as `config/adaptive.schema.json` ships it: editors complete and check with it.
+/// The JSON schema of the file, shipped as `config/adaptive.schema.json` for completion and checks in
+/// editors.
 #[must_use]
 pub fn adaptive_schema() -> serde_json::Value {
     schemars::schema_for!(AdaptiveFile).to_value()

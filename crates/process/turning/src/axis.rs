@@ -2,12 +2,12 @@
 
 use evolvent_timing::{Outcome, Profile, ScalarLimits, ScalarState};
 
-/// Share of the jerk that is planned: third differences of positions are noisy.
+/// Fraction of the jerk limit that is planned: third differences of positions are noisy.
 const JERK_FRACTION: f64 = 0.99;
-/// Room that is as good as endless, mm.
+/// A distance that no cut reaches, mm.
 const FAR_MM: f64 = 1e6;
 
-/// Place and derivatives of an axis.
+/// Position and derivatives of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisPoint {
     /// mm.
@@ -22,8 +22,8 @@ pub struct AxisPoint {
 
 /// An axis that moves to its target within velocity, acceleration and jerk limits.
 ///
-/// A target that lies behind, or that is too near to stop at, is reached by stopping first. Closed form or a
-/// bisection of fixed length at each change, no allocation: real-time safe.
+/// A target behind the axis, or too near to stop at, is reached by stopping first. Each change costs a closed
+/// form or a bisection of fixed length, without allocation: real-time safe.
 ///
 /// ```
 /// use evolvent_turning::{AxisDrive, ScalarLimits};
@@ -40,21 +40,21 @@ pub struct AxisPoint {
 #[derive(Clone, Copy, Debug)]
 pub struct AxisDrive {
     limits: ScalarLimits,
-    /// Where the profile starts, and which way it goes.
+    /// Start of the profile; `sign` is its direction.
     origin: f64,
     sign: f64,
     profile: Profile,
     time: f64,
     target: f64,
     speed: f64,
-    /// The profile only brakes: the target lies elsewhere.
+    /// The profile only brakes, because the target needs another profile after it.
     turns_back: bool,
-    /// Where another drive has led it; none while it goes by itself.
+    /// Last point from a leading drive; `None` while the axis moves by itself.
     led: Option<AxisPoint>,
 }
 
 impl AxisDrive {
-    /// At rest at a position. The limits are those of the axis.
+    /// Creates an axis at rest at a position. `limits` are those of the axis.
     #[must_use]
     pub fn new(position: f64, limits: &ScalarLimits) -> Self {
         Self {
@@ -73,14 +73,14 @@ impl AxisDrive {
         }
     }
 
-    /// Another drive moves it and reports its position, until it receives a target or a stop. It moves
-    /// forwards.
+    /// Follows another drive, which moves forwards and passes each of its points, until the next target or
+    /// stop.
     pub(crate) fn lead(&mut self, to: AxisPoint) {
         self.led = Some(to);
         (self.sign, self.target, self.speed) = (1.0, to.position, f64::NAN);
     }
 
-    /// Goes to `target` at most at `speed_mm_s`; a speed of 0 stops on the way.
+    /// Moves to `target` at `speed_mm_s` at most; a speed of 0 stops before it.
     pub fn aim(&mut self, target: f64, speed_mm_s: f64) {
         let speed_mm_s = if speed_mm_s > 0.0 {
             speed_mm_s.min(self.limits.velocity)
@@ -135,14 +135,14 @@ impl AxisDrive {
         }
     }
 
-    /// Advances by a period and says where the axis is.
+    /// Advances by a period and returns the new point.
     pub fn advance(&mut self, period_s: f64) -> AxisPoint {
         self.time += period_s;
         if let Some(point) = self.led {
             return point;
         }
         if self.time >= self.profile.duration() && self.turns_back && self.speed > 0.0 {
-            // The rest of the period is lost, no more.
+            // Only the rest of this period is lost.
             let point = self.point();
             self.origin = point.position;
             self.profile = Profile::at_rest(0.0);
@@ -153,7 +153,7 @@ impl AxisDrive {
         self.point()
     }
 
-    /// Where the axis is.
+    /// The present point.
     #[must_use]
     pub fn point(&self) -> AxisPoint {
         if let Some(point) = self.led {
@@ -179,13 +179,13 @@ impl AxisDrive {
         }
     }
 
-    /// Whether the axis stands at its target.
+    /// Whether the axis is at rest at its target.
     #[must_use]
     pub fn has_arrived(&self) -> bool {
         self.led.is_none() && self.time >= self.profile.duration() && self.point().position == self.target
     }
 
-    /// Whether the axis stands.
+    /// Whether the axis is at rest.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         match self.led {

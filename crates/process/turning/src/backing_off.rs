@@ -5,24 +5,24 @@ use crate::settings::PassDepth;
 use crate::state::{Reason, TurningState};
 use crate::tip_contact::Front;
 
-/// Share of the deepest cut at which it is backed off from: the load is noisy.
+/// Fraction of the deepest cut at which the tool backs off: the load is noisy.
 const DEEP: f64 = 0.98;
-/// Distance of a cut after which it is decided whether it is level, mm.
+/// Length of a cut after which it counts as level or not, mm.
 const LEVEL_MM: f64 = 6.0;
-/// Least part of a depth that is worth backing off by.
+/// Minimum fraction of a depth by which backing off is worthwhile.
 const MIN_PART: f64 = 0.25;
-/// Hard spots up to this factor of the load are not taken for higher stock where passes are counted, nor for
-/// a lost load where they end.
+/// Hard spots up to this factor of the load count neither as higher stock in the number of passes, nor as a
+/// lost load at their end.
 pub(crate) const HARDEST: f64 = 1.35;
-/// Way beyond where contact is expected after which caution ends, mm.
+/// Distance after the expected contact at which caution ends, mm.
 const CAUTION_MM: f64 = 1.5;
 
 impl TurningController {
-    /// Deepest cut that is taken at once: in passes of least time, what two passes would not do faster.
+    /// Deepest cut that is taken at once. With passes of least time, two passes are faster than a deeper cut.
     pub(crate) fn deepest(&self) -> f64 {
         match self.settings.strategy.depth {
             PassDepth::LeastTime { .. } => self.constants.split_mm,
-            // Two parts must be left for it to be split, and the stock must go on as high as it is.
+            // A split needs at least two remaining passes, and stock that goes on at the same height.
             PassDepth::Bounded { .. } if self.passes_left() > 1 && self.goes_on_level() => {
                 self.constants.split_mm
             }
@@ -30,7 +30,7 @@ impl TurningController {
         }
     }
 
-    /// Backs off from a depth that is too much; returns whether it does.
+    /// Backs off if the depth exceeds the limit for `confirm_s`; returns whether it does.
     pub(crate) fn too_deep(&mut self, depth: f64, limit: f64, confirm_s: f64) -> bool {
         let settings = self.settings;
         let regime = &settings.regime;
@@ -47,7 +47,7 @@ impl TurningController {
         if self.places.deep_s <= confirm_s || self.is_load_falling() {
             return false;
         }
-        // So near to its end the cut is through before its shoulder would be felt again.
+        // This near to its end, the cut would be over before the shoulder is felt again.
         let rest_mm = self.stock_end_mm() - self.along.point().position;
         if rest_mm < self.constants.detection_mm + regime.feed_min_mm_rev {
             return false;
@@ -60,7 +60,7 @@ impl TurningController {
             out + depth - regime.depth_back_off_mm
         };
         self.plan.out_mm = wanted.max(out);
-        // A depth that was not there for a revolution may be a transient.
+        // A depth that did not last for a revolution may be a transient.
         self.felt.shoulder_mm = out + self.felt.engagement.depth_mm();
         self.go(
             TurningState::BackOff,
@@ -80,7 +80,7 @@ impl TurningController {
         if self.out.has_arrived() && self.along.is_at_rest() {
             let by = (self.plan.out_mm - self.plan.highest_mm).max(0.0);
             self.plan.highest_mm = self.plan.highest_mm.max(self.plan.out_mm);
-            // The shoulder that was left is parallel to the edge and not farther than this.
+            // The remaining shoulder is parallel to the edge and at most this far away.
             let here = self.along.point().position;
             let shoulder = here + by / settings.tool.slope();
             let depth = self.felt.shoulder_mm - self.plan.out_mm;
@@ -91,8 +91,8 @@ impl TurningController {
             self.lose_contact();
             self.felt.tip.set_front(front);
             self.require_stock(shoulder, depth);
-            // A cut that was not felt for a whole revolution, or had slots, does not tell how high the
-            // shoulder is. What was felt stands all the same, and is felt again before the job ends.
+            // A cut that was felt for less than a revolution, or that has slots, does not give the height of
+            // the shoulder. The stock is there all the same, and has to be felt again before the job ends.
             self.felt.unproven_mm.get_or_insert(here.max(0.0));
             self.places.cautious_to_mm = Some(shoulder + CAUTION_MM);
             self.feed = 0.0;
@@ -110,7 +110,7 @@ impl TurningController {
         }
     }
 
-    /// Passes that may still be begun, the present one among them, for stock of a height.
+    /// Passes that may still begin, the present one included, for stock of a height.
     fn passes_left_for(&self, height_mm: f64) -> u32 {
         match self.settings.strategy.depth {
             PassDepth::Bounded { extra } => {
@@ -121,20 +121,21 @@ impl TurningController {
         }
     }
 
-    /// The same for what was felt, for parts of a height: what reads higher may only be harder, and stock
-    /// that was lower in places is not level. A gap tells nothing of what stands beside it.
+    /// The same for the height that was felt, in a split into parts. A high reading may come from hard stock,
+    /// and each pass that ended at lower stock counts because such stock is not level. A gap does not count:
+    /// it says nothing about the stock beside it.
     pub(crate) fn passes_left(&self) -> u32 {
         self.passes_left_for(self.places.highest_felt_mm / HARDEST)
             .saturating_sub(self.places.returned_low)
     }
 
-    /// Whether a pass may be ended on a thin place: what is ahead may be as high as what was felt.
+    /// Whether a pass may end on a thin position: the stock ahead may be as high as what was felt.
     pub(crate) fn may_return(&self) -> bool {
         self.passes_left_for(self.places.highest_felt_mm)
             > self.settings.regime.passes(self.places.highest_felt_mm)
     }
 
-    /// Whether the cut has been as deep for a while, so that what is left of the pass is worth two passes.
+    /// Whether the depth has been constant for a while, so that the rest of the pass is worth two passes.
     fn goes_on_level(&self) -> bool {
         let (from, depth) = self.felt.settled_mm;
         let here = self.along.point().position;
@@ -142,7 +143,7 @@ impl TurningController {
         let rest = (self.settings.length_mm - here).max(0.0);
         let way = here - from;
         let out = self.out.point().position;
-        // Half of the rest at the present slope; and the passes that are left must make parts of it.
+        // Extrapolates over half of the rest at the present slope. The remaining passes must allow a split.
         self.state == TurningState::Cut
             && way >= LEVEL_MM
             && self.part_of(out + now) >= out + MIN_PART * now

@@ -1,54 +1,55 @@
-//! The stock as it comes: what stands above the final size before anything is cut.
+//! The stock before the first cut: its height above the final size.
 
 use evolvent_config::plain;
 
-/// A blank along the cut. Heights are measured outwards from the final size, places from the face at which
-/// the tool comes in, both in mm.
+/// A blank along the cut. Heights are measured outwards from the final size, positions from the face at which
+/// the tool enters, both in mm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Blank {
-    /// Height over place, straight between the points; two points at one place are a step. Beyond the ends
-    /// the height is that of the end point, beyond the length of the cut nothing stands.
+    /// Points of position and height, joined by straight lines; two points at one position are a step. Before
+    /// the first and after the last point the height is constant; after the length of the cut there is no
+    /// stock.
     pub outline_mm: Vec<(f64, f64)>,
-    /// Places without stock: from, to, height that is left there.
+    /// Gaps in the stock: from, to, height that remains.
     pub grooves_mm: Vec<(f64, f64, f64)>,
-    /// Harder or softer places: from, to, factor of the load.
+    /// Harder or softer sections: from, to, factor of the load.
     pub hard_spots: Vec<(f64, f64, f64)>,
-    /// How far the middle of the blank lies off the spindle's axis, mm.
+    /// Distance of the centre of the blank from the spindle's axis, mm.
     pub runout_mm: f64,
     /// Sectors without stock (keyways, a hexagon's flats): from and to, in turns from 0 to 1.
     pub slots: Vec<(f64, f64)>,
 }
 
-/// Why a blank is none.
+/// Why a blank is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum BlankError {
     /// No outline.
     #[error("the outline of the stock needs one point at least, and at most 10000")]
     Points,
-    /// A number outside what makes sense.
+    /// A number out of range.
     #[error("{name} of the stock is {}; it must lie from {least} to {most}", plain(*.value))]
     Number {
-        /// Which.
+        /// Name.
         name: &'static str,
-        /// What it is.
+        /// Value.
         value: f64,
-        /// Lowest.
+        /// Minimum.
         least: f64,
-        /// Highest.
+        /// Maximum.
         most: f64,
     },
-    /// Places that do not rise.
+    /// Positions that do not increase.
     #[error("the outline's places must not fall back: {after} mm comes after {before} mm")]
     Order {
-        /// A place.
+        /// A position.
         before: f64,
-        /// The one after it.
+        /// The next one.
         after: f64,
     },
 }
 
 impl Blank {
-    /// The same height everywhere.
+    /// A blank of constant height.
     #[must_use]
     pub fn uniform(height_mm: f64) -> Self {
         Self {
@@ -60,7 +61,7 @@ impl Blank {
         }
     }
 
-    /// An outline of points (place, height) in mm.
+    /// An outline of points (position, height) in mm.
     #[must_use]
     pub fn outline(points: &[(f64, f64)]) -> Self {
         Self {
@@ -72,7 +73,7 @@ impl Blank {
     /// Checks the numbers.
     ///
     /// # Errors
-    /// The first that makes no sense.
+    /// The first one that is invalid.
     pub fn check(&self) -> Result<(), BlankError> {
         if self.outline_mm.is_empty() || self.outline_mm.len() > 10_000 {
             return Err(BlankError::Points);
@@ -118,7 +119,7 @@ impl Blank {
         within("the run-out", self.runout_mm, 0.0, 100.0)
     }
 
-    /// Mean height at a place, mm.
+    /// Mean height at a position, mm.
     #[must_use]
     pub fn height_mm(&self, place_mm: f64) -> f64 {
         for &(from, to, height) in &self.grooves_mm {
@@ -138,7 +139,7 @@ impl Blank {
         }
     }
 
-    /// Factor of the load at a place.
+    /// Factor of the load at a position.
     #[must_use]
     pub fn hardness(&self, place_mm: f64) -> f64 {
         self.hard_spots
@@ -147,14 +148,14 @@ impl Blank {
             .map_or(1.0, |spot| spot.2)
     }
 
-    /// What the height is to be raised by at an angle (in turns), or none where a slot is.
+    /// Height to add at an angle (in turns), mm; `None` in a slot.
     #[must_use]
     pub fn at_turn(&self, turn: f64) -> Option<f64> {
         let inside = |&(from, to): &(f64, f64)| turn >= from && turn < to;
         (!self.slots.iter().any(inside)).then(|| self.runout_mm * libm::cos(std::f64::consts::TAU * turn))
     }
 
-    /// Largest mean height over a length, mm.
+    /// Maximum of the mean height over a length, mm.
     #[must_use]
     pub fn highest_mm(&self, length_mm: f64) -> f64 {
         (0..=2000)
@@ -162,7 +163,7 @@ impl Blank {
             .fold(0.0, f64::max)
     }
 
-    /// Whether the load of a turn is the same all round.
+    /// Whether the load is constant over a revolution.
     #[must_use]
     pub fn is_round(&self) -> bool {
         self.runout_mm == 0.0 && self.slots.is_empty()

@@ -1,13 +1,13 @@
-//! How thick the chip is that a reading of the load tells of.
+//! The chip thickness that belongs to a reading of the load.
 
-/// Places that are kept of the way over the time in which a chip forms.
+/// Positions stored over the time in which a chip forms.
 const PLACES: usize = 256;
 
-/// The mean feed over the time in which a chip forms: what an edge has before it is what the feed was since
-/// the edge before it came by. Room is fixed, whatever that time is. Real-time safe.
+/// The mean feed over the time in which a chip forms: the chip of an edge is the feed since the previous edge
+/// passed. The memory is of fixed size, independent of that time. Real-time safe.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ChipTrail {
-    /// The way at every `stride`-th cycle.
+    /// The distance fed, at every `stride`-th cycle.
     ways: [f64; PLACES + 2],
     next: usize,
     stride: u32,
@@ -17,7 +17,7 @@ pub(crate) struct ChipTrail {
 }
 
 impl ChipTrail {
-    /// At rest, for chips that form over this number of cycles, at least 1.
+    /// Creates a trail at rest, for chips that form over this number of cycles, at least 1.
     pub(crate) fn new(forming_cycles: f64) -> Self {
         let forming_cycles = forming_cycles.max(1.0);
         Self {
@@ -30,7 +30,7 @@ impl ChipTrail {
         }
     }
 
-    /// One cycle at a feed in any unit; the chip in that unit.
+    /// Advances by one cycle at a feed in any unit; returns the chip in that unit.
     pub(crate) fn step(&mut self, feed: f64) -> f64 {
         self.way += feed;
         self.since += 1;
@@ -42,7 +42,7 @@ impl ChipTrail {
         (self.way - self.before()) / self.forming_cycles
     }
 
-    /// The way as it was when the chip began to form.
+    /// The distance when the chip began to form.
     fn before(&self) -> f64 {
         let back = (self.forming_cycles - f64::from(self.since)) / f64::from(self.stride);
         if back <= 0.0 {

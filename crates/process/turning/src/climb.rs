@@ -1,4 +1,4 @@
-//! Up the cone at the end of a pass, so that no step is left on it.
+//! The climb along the cone at the end of a pass, which leaves no step on it.
 
 use evolvent_timing::ScalarLimits;
 
@@ -9,21 +9,20 @@ use crate::missing::SURE_MM;
 use crate::settings::TurningSettings;
 use crate::state::{Reason, TurningState};
 
-/// The climb under way: one drive for the way along the cone, which leads both axes, so that they cannot
-/// leave the cone.
+/// The present climb: one drive along the cone leads both axes, so that they cannot leave it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Climb {
     drive: AxisDrive,
-    /// Place and height at which it began, mm.
+    /// Position and height at its start, mm.
     from_mm: (f64, f64),
-    /// Share of a way that is along the cut, and across it.
+    /// Components of the direction along and across the cut.
     direction: (f64, f64),
-    /// Its whole way, mm.
+    /// Its length, mm.
     way_mm: f64,
 }
 
 impl Climb {
-    /// From a place of the cone to another one, mm along the cut.
+    /// From one position of the cone to another, mm along the cut.
     fn new(cone: &Cone, settings: &TurningSettings, from_mm: (f64, f64), to_mm: f64) -> Self {
         let long = libm::hypot(1.0, cone.slope);
         let direction = (1.0 / long, cone.slope / long);
@@ -47,7 +46,7 @@ impl Climb {
         self.drive.stop();
     }
 
-    /// Advances by a period, and says where both axes are.
+    /// Advances by a period and returns the points of both axes.
     pub(crate) fn advance(&mut self, period_s: f64) -> (AxisPoint, AxisPoint) {
         let way = self.drive.advance(period_s);
         let axis = |from: f64, share: f64| AxisPoint {
@@ -64,19 +63,19 @@ impl Climb {
 }
 
 impl TurningController {
-    /// Where the pass ends: at the cone or the shoulder, or where nothing stands any more, mm.
+    /// End of the pass: the cone, the shoulder, or the end of the stock, mm.
     pub(crate) fn pass_end_mm(&self) -> f64 {
         let cone = self.settings.cone;
         self.stock_end_mm()
             .min(cone.map_or(f64::INFINITY, |cone| cone.place_mm(self.plan.out_mm)))
     }
 
-    /// The same, but on the cone: the shoulder at its end, or where nothing stands any more, mm.
+    /// End of the climb: the shoulder at the end of the cone, or the end of the stock, mm.
     pub(crate) fn stock_end_mm(&self) -> f64 {
         self.plan.stock_to_mm.min(self.settings.end_mm(self.plan.out_mm))
     }
 
-    /// Goes up the cone if stock may stand on it behind the pass; returns whether it does.
+    /// Starts the climb if there may be stock on the cone after the pass; returns whether it does.
     pub(crate) fn begin_climb(&mut self) -> bool {
         let Some(cone) = self.settings.cone else {
             return false;
@@ -87,7 +86,8 @@ impl TurningController {
         if beyond <= self.settings.tolerance_mm || from.0 < cone.place_mm(from.1) {
             return false;
         }
-        // What was cut to the end goes on, less what the edge leaves behind in a revolution at a wall.
+        // The depth at the end of the pass continues, less what the edge leaves at a wall within a
+        // revolution.
         let depth = self.felt.engagement.depth_mm();
         let feed = self.settings.regime.feed_max_mm_rev;
         let sure = depth - feed * (self.settings.tool.slope() + cone.slope);
@@ -101,7 +101,7 @@ impl TurningController {
         true
     }
 
-    /// Leads both axes up the cone, the feed following the load.
+    /// Drives both axes up the cone at a feed that follows the load.
     pub(crate) fn climb(&mut self, factor: f64) {
         let settings = self.settings;
         let here = self.along.point().position;
@@ -135,7 +135,7 @@ impl TurningController {
         let Some(climb) = &mut self.climb else {
             return;
         };
-        // Neither the way along the cut nor that along the cone has more than the feed.
+        // The feed limits the speed along the cut and along the cone.
         let cosine = climb.direction.0;
         let feed = (self.feed / cosine).min(settings.regime.feed_max_mm_rev);
         climb
@@ -151,7 +151,7 @@ impl TurningController {
         }
     }
 
-    /// Follows the load. Where it goes away the stock has ended, or the insert is broken.
+    /// Follows the load. If it vanishes, the stock has ended or the insert is broken.
     fn loses_load_on_cone(&mut self) -> bool {
         if self.plan.end_s > 0.0 {
             return false;
@@ -170,21 +170,21 @@ impl TurningController {
         }
     }
 
-    /// Backs off from stock that rises faster than the cone.
+    /// Backs off from stock that rises more steeply than the cone.
     fn too_deep_on_cone(&mut self) -> bool {
         let settings = self.settings;
         let limit = settings.regime.depth_max_mm;
         if !self.too_deep(self.view.depth_mm, limit, settings.confirm_s) {
             return false;
         }
-        // Out at once: the cone rises while the axis along it stops.
+        // Moves out at once: the cone rises while the axis along it stops.
         self.climb = None;
         self.along.stop();
         self.out.aim(self.plan.out_mm, settings.out_speed_mm_s);
         true
     }
 
-    /// Whether stock that was felt is not met: a fault.
+    /// Reports a fault if expected stock is not met; returns whether it does.
     pub(crate) fn misses_load(&mut self, here: f64) -> bool {
         let settings = &self.settings;
         let depth = self.depth_to_be_met(here);
@@ -201,16 +201,16 @@ impl TurningController {
     }
 }
 
-/// What has become of the load of a cut.
+/// State of the load in a cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum LoadAfter {
-    /// It is there, or has not been missing for a revolution.
+    /// Present, or missing for less than a revolution.
     There,
-    /// It went away where stock of a depth still stands, mm.
+    /// Lost where there is still stock.
     Broken {
-        /// Depth, mm.
+        /// Depth of that stock, mm.
         depth_mm: f64,
     },
-    /// The edge can have left the stock.
+    /// Lost where the edge can have left the stock.
     Air,
 }

@@ -1,8 +1,8 @@
-//! The cone behind the cylinder of a cut.
+//! The cone after the cylinder of a cut.
 
 use crate::tool::Tool;
 
-/// What a cone must be flatter than the edge, degrees.
+/// Minimum angle between cone and edge, degrees.
 const CLEARANCE_DEG: f64 = 1.0;
 /// Minimum angle of a cone, degrees.
 const MIN_DEG: f64 = 0.1;
@@ -19,9 +19,9 @@ const MIN_DEG: f64 = 0.1;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cone {
-    /// Where it begins, mm along the cut.
+    /// Its start, mm along the cut.
     pub from_mm: f64,
-    /// Height that it gains per mm along the cut: the tangent of its angle.
+    /// Rise in height per mm along the cut: the tangent of its angle.
     pub slope: f64,
 }
 
@@ -32,16 +32,16 @@ pub struct Cone {
      cones from {MIN_DEG} to {most_deg} degrees: take a tool with another lead angle"
 )]
 pub struct ConeError {
-    /// Of the cone.
+    /// Angle of the cone.
     pub angle_deg: f64,
-    /// Of the edge.
+    /// Lead angle of the edge.
     pub lead_deg: f64,
-    /// Steepest cone.
+    /// Maximum angle of a cone.
     pub most_deg: f64,
 }
 
 impl Cone {
-    /// From a place along the cut (mm), rising by an angle in degrees.
+    /// A cone from a position along the cut (mm) that rises by an angle in degrees.
     #[must_use]
     pub fn new(from_mm: f64, angle_deg: f64) -> Self {
         Self {
@@ -50,8 +50,8 @@ impl Cone {
         }
     }
 
-    /// From a place along the cut up to a height over a length, all in mm; none where it does not rise, or at
-    /// once.
+    /// A cone from a position along the cut up to a height over a length, all in mm; `None` if the height or
+    /// the length is not positive.
     #[must_use]
     pub fn rising(from_mm: f64, height_mm: f64, length_mm: f64) -> Option<Self> {
         (height_mm > 0.0 && length_mm > 0.0).then(|| Self {
@@ -66,10 +66,10 @@ impl Cone {
         libm::atan(self.slope).to_degrees()
     }
 
-    /// Whether an edge can cut it and does not cut into it.
+    /// Checks that the edge can cut the cone without cutting into it.
     ///
     /// # Errors
-    /// Angles that are as steep as the edge, or none.
+    /// A cone that is too flat, or nearly as steep as the edge.
     pub fn check(&self, tool: &Tool) -> Result<(), ConeError> {
         let angle_deg = self.angle_deg();
         let most_deg = tool.lead_deg() - CLEARANCE_DEG;
@@ -84,13 +84,14 @@ impl Cone {
         }
     }
 
-    /// Height of the final contour above the final size at a place, mm. Real-time safe.
+    /// Height of the final contour above the final size at a position, mm. Real-time safe.
     #[must_use]
     pub fn height_mm(&self, along_mm: f64) -> f64 {
         (along_mm - self.from_mm).max(0.0) * self.slope
     }
 
-    /// Where the cone has a height, mm along the cut: a pass at this height meets it there. Real-time safe.
+    /// Position at which the cone reaches a height, mm along the cut: a pass at this height meets it there.
+    /// Real-time safe.
     #[must_use]
     pub fn place_mm(&self, height_mm: f64) -> f64 {
         self.from_mm + height_mm.max(0.0) / self.slope

@@ -1,4 +1,4 @@
-//! Self-programmed turning: the controller that finds its passes from the load.
+//! Self-programmed turning: the controller that determines its passes from the load.
 
 use evolvent_machine::LoadSample;
 
@@ -19,24 +19,24 @@ use crate::tip_contact::{CutNow, Front, UnderTip};
 use crate::trail::Trail;
 use crate::watch::{LoadView, LoadWatch};
 
-/// Way beyond where contact is expected after which caution ends, mm.
+/// Distance after the expected contact at which caution ends, mm.
 const CAUTION_MM: f64 = 1.5;
-/// What noise may make of a load that fades.
+/// Factor by which noise may raise a decaying load.
 const RESIDUE_NOISE: f64 = 1.15;
-/// Share of the smallest feed below which a chip tells nothing.
+/// Fraction of the smallest feed below which a chip gives no depth.
 pub(crate) const MIN_CHIP: f64 = 0.4;
 
-/// What comes into a cycle.
+/// Inputs of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurningInputs {
-    /// The newest reading of the load; the same again where there is no newer one.
+    /// The newest reading of the load; repeated until there is a newer one.
     pub load: Option<LoadSample>,
-    /// Start; after a fault it must have been unset to start again.
+    /// Start. After a fault it has to be cleared before it can start the job again.
     pub start: bool,
-    /// Stand while this is set.
+    /// Hold while this is set.
     pub hold: bool,
-    /// Feed override, 1 at 100 %. It slows everything; it never lifts the feed above what the set load
-    /// allows.
+    /// Feed override, 1 at 100 %. It slows every move and never raises the feed above what the set load
+    /// permits.
     pub feed_override: f64,
 }
 
@@ -51,18 +51,18 @@ impl Default for TurningInputs {
     }
 }
 
-/// What a cycle gives out.
+/// Outputs of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurningOutput {
-    /// Place along the cut.
+    /// Point along the cut.
     pub along: AxisPoint,
-    /// Height above the final size.
+    /// Point across the cut: height above the final size.
     pub out: AxisPoint,
     /// State.
     pub state: TurningState,
-    /// Feed that is wished for, mm/rev; 0 where the tool does not cut.
+    /// Requested feed, mm/rev; 0 while the tool does not cut.
     pub feed_mm_rev: f64,
-    /// Depth reckoned with, mm.
+    /// Depth that the feed is based on, mm.
     pub depth_mm: f64,
     /// Smoothed load.
     pub load: f64,
@@ -72,8 +72,8 @@ pub struct TurningOutput {
     pub transition: Option<Transition>,
 }
 
-/// The controller. [`TurningController::step`] allocates nothing, looks at no clock, and is bounded: the
-/// cycle may call it.
+/// The controller. [`TurningController::step`] does not allocate, reads no clock, and has a bounded run time:
+/// the cycle may call it.
 #[derive(Clone, Debug)]
 pub struct TurningController {
     pub(crate) settings: TurningSettings,
@@ -86,11 +86,11 @@ pub struct TurningController {
     pub(crate) cycle: u64,
     pub(crate) transition: Option<Transition>,
     pub(crate) view: LoadView,
-    /// Feed of now, mm/rev.
+    /// Present feed, mm/rev.
     pub(crate) feed: f64,
     pub(crate) plan: PassPlan,
     pub(crate) back: ReturnPath,
-    /// The climb under way, which leads both axes.
+    /// The present climb, which leads both axes.
     pub(crate) climb: Option<Climb>,
     pub(crate) felt: FeltStock,
     pub(crate) loss: LoadLoss,
@@ -100,10 +100,10 @@ pub struct TurningController {
 }
 
 impl TurningController {
-    /// Sets up, at rest at the start: before the stock and outside of it.
+    /// Creates a controller at rest at the start: before the stock and outside of it.
     ///
     /// # Errors
-    /// What [`TurningSettings::check`] refuses.
+    /// Settings that [`TurningSettings::check`] rejects.
     pub fn new(settings: TurningSettings) -> Result<Self, SettingsError> {
         let start = (
             -settings.tool.overhang_mm() - settings.clear_along_mm,
@@ -112,11 +112,11 @@ impl TurningController {
         Self::at(settings, start, None)
     }
 
-    /// Sets up, at rest at a place along the cut and a height (mm), to which the tool comes back at the end.
-    /// The place lies before the face or beside it, the height not below what the stock may have.
+    /// Creates a controller at rest at a position along the cut and a height (mm), to which the tool returns
+    /// at the end. The position is at or before the face, the height at least the maximum allowance.
     ///
     /// # Errors
-    /// What [`TurningSettings::check`] refuses, and a start within the stock.
+    /// Settings that [`TurningSettings::check`] rejects, and a start within the stock.
     pub fn starting_at(settings: TurningSettings, along_mm: f64, out_mm: f64) -> Result<Self, SettingsError> {
         for (name, value, least, most) in [
             ("the place of the start in mm", along_mm, -1e4, 0.0),
@@ -186,7 +186,7 @@ impl TurningController {
         })
     }
 
-    /// The record of what still stands.
+    /// The record of the remaining stock.
     #[must_use]
     pub fn record(&self) -> &SizeRecord {
         &self.record
@@ -204,19 +204,19 @@ impl TurningController {
         self.state
     }
 
-    /// Whether nothing moves any more.
+    /// Whether the job is over.
     #[must_use]
     pub fn is_over(&self) -> bool {
         matches!(self.state, TurningState::Done | TurningState::Fault) && self.is_at_rest()
     }
 
-    /// Whether both axes stand. Real-time safe.
+    /// Whether both axes are at rest. Real-time safe.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.along.is_at_rest() && self.out.is_at_rest()
     }
 
-    /// One control period. Real-time safe.
+    /// Advances by one control period. Real-time safe.
     pub fn step(&mut self, inputs: &TurningInputs) -> TurningOutput {
         self.transition = None;
         let scale = self.settings.scale;
@@ -243,8 +243,8 @@ impl TurningController {
         self.trail.push(along.position, out.position);
         if self.feeds() {
             let (cut_along, cut_out) = self.trail.turn_ago();
-            // While a load is missed it is not known whether anything is cut; what has been swept by then
-            // follows. Standing at the end of the pass the load goes as it should.
+            // While the load is missing it is unknown whether anything is cut, so the positions swept
+            // meanwhile are recorded later. At the end of the pass the load vanishes as expected.
             let ends = self.plan.end_s > 0.0;
             let felt = self.feels() || (ends && self.felt.contact_mm.is_some());
             let cuts = matches!(
@@ -252,7 +252,7 @@ impl TurningController {
                 TurningState::Engage | TurningState::Cut | TurningState::Climb
             );
             let missed = self.loss.missing_s > 0.0 || (cuts && self.loss.air_s > 0.0);
-            // Nor is it where known stock is met, until a load is felt.
+            // The same holds where known stock begins, until a load is felt.
             let meets = self.state == TurningState::Approach && self.sure_depth(0.0) > SURE_MM;
             let waits = (missed && !ends) || meets;
             if !waits {
@@ -281,7 +281,7 @@ impl TurningController {
         }
     }
 
-    /// What the load of a cut tells of the place that the tip has cut all round.
+    /// What the load of a cut shows about the position that the tip has cut over a whole revolution.
     fn under_tip(&mut self, cuts: bool, swept_mm: f64) -> UnderTip {
         let (Some(contact_mm), TurningState::Cut, true) = (self.felt.contact_mm, self.state, cuts) else {
             return UnderTip::Unknown;
@@ -298,7 +298,7 @@ impl TurningController {
         self.felt.tip.follow(cut, tool.slope(), tool.overhang_mm())
     }
 
-    /// What is to be met again where a cut of a depth is left, mm.
+    /// The front that the tool has to meet again after it leaves a cut of a depth in mm.
     pub(crate) fn front_left(&self, depth_mm: f64) -> Front {
         let here = self.along.point().position;
         let slope = self.settings.tool.slope();
@@ -307,7 +307,7 @@ impl TurningController {
             .front_left(here, self.felt.contact_mm, depth_mm, slope)
     }
 
-    /// Whether the tool is where stock may be.
+    /// Whether the tool feeds where there may be stock.
     pub(crate) fn feeds(&self) -> bool {
         matches!(
             self.state,
@@ -319,7 +319,7 @@ impl TurningController {
         )
     }
 
-    /// Whether there is a load beyond what the sensor still shows of the cut before.
+    /// Whether there is a load beyond the decaying reading of the previous cut.
     pub(crate) fn feels(&self) -> bool {
         self.view.now > self.settings.contact_load_n + RESIDUE_NOISE * self.felt.residue_n
     }
@@ -343,7 +343,7 @@ impl TurningController {
         self.state = to;
     }
 
-    /// What comes before everything else. Returns whether it has taken over.
+    /// Checks everything that has precedence over the state. Returns whether it has taken over.
     fn protect(&mut self, inputs: &TurningInputs) -> bool {
         let settings = self.settings;
         if matches!(
@@ -352,7 +352,7 @@ impl TurningController {
         ) {
             return false;
         }
-        // Moves outside the stock need no sensor, but none may begin to cut without one.
+        // Moves outside the stock need no sensor, but a cut must not begin without one.
         let near = self.feeds()
             || (self.state == TurningState::Held && self.guard.before_hold != TurningState::Return);
         self.guard.blind_s = match self.view.trouble {
@@ -389,7 +389,7 @@ impl TurningController {
                 self.go(TurningState::Held, Reason::Hold);
             } else {
                 let to = match self.guard.before_hold {
-                    // The load has gone: what is cut has to be felt again.
+                    // The load has decayed: the cut has to be felt again.
                     TurningState::Engage | TurningState::Cut => {
                         let depth = self.felt.engagement.depth_mm();
                         let front = self.front_left(depth);
@@ -416,7 +416,7 @@ impl TurningController {
         false
     }
 
-    /// Stops as soon as the limits allow: on the cone while climbing.
+    /// Stops as soon as the limits allow: on the cone during a climb.
     fn stand(&mut self) {
         if let Some(climb) = &mut self.climb {
             climb.stop();
@@ -426,7 +426,7 @@ impl TurningController {
         }
     }
 
-    /// Away from the work as fast as the limits allow, while the axial feed stops.
+    /// Draws the tool out as fast as the limits allow, while the axial feed stops.
     pub(crate) fn draw_out(&mut self) {
         self.climb = None;
         self.along.stop();

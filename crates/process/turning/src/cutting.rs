@@ -1,4 +1,4 @@
-//! The process that closes the loop where no metal is cut: positions in, load out.
+//! The simulated process for runs without metal: positions in, load out.
 
 use evolvent_machine::LoadSample;
 
@@ -8,7 +8,7 @@ use crate::scale::LoadScale;
 use crate::sensor::Sensor;
 use crate::workpiece::{CutNow, Workpiece};
 
-/// The stock and the sensor of a job file, under an axis that moves. The same positions give the same loads.
+/// The stock and the sensor of a job file under moving axes. Equal positions give equal loads.
 #[derive(Clone, Debug)]
 pub struct SimulatedProcess {
     cut: CutFile,
@@ -19,7 +19,7 @@ pub struct SimulatedProcess {
 }
 
 impl SimulatedProcess {
-    /// The stock of a job, looked at every `period_s` seconds; none where the file has no `[stock]`.
+    /// The stock of a job, sampled every `period_s` seconds; `None` if the file has no `[stock]`.
     #[must_use]
     pub fn new(job: &Job, period_s: f64) -> Option<Self> {
         let blank = job.blank.clone()?;
@@ -34,8 +34,8 @@ impl SimulatedProcess {
         })
     }
 
-    /// The tip is now at this radius and Z, machine coordinates in mm. What is cut, and what the sensor shows
-    /// of it: a value of single precision, as the cutting load is kept everywhere. Allocates nothing.
+    /// Moves the tip to a radius and Z, machine coordinates in mm. Returns the cut and the sensor's reading
+    /// of it, rounded to single precision as the cutting load is everywhere. Does not allocate.
     pub fn step(&mut self, x_mm: f64, z_mm: f64) -> (CutNow, Option<LoadSample>) {
         let (along, out) = self.cut.place_mm(x_mm, z_mm);
         let now = self.piece.step(along, out);
@@ -47,7 +47,7 @@ impl SimulatedProcess {
         (now, sample)
     }
 
-    /// Highest value that the sensor can show.
+    /// Maximum reading of the sensor.
     #[must_use]
     pub fn range_max(&self) -> f64 {
         self.range_max

@@ -1,26 +1,26 @@
-//! What must still be in front of the edge, from what was felt.
+//! The stock that must still be in front of the edge, from what was felt.
 
-/// The stock that was felt, and the least of it that must still stand before the tip.
+/// The stock that was felt, and its minimum height before the tip.
 ///
-/// A gap shows in the load before it is there. The outer end of the edge leads, so at a wall square to the
-/// feed the depth falls by the tangent of the lead angle for each mm of feed, and never faster. In material
-/// that is harder than the law of the load says the depth reads higher by a factor, and falls faster by the
-/// same. A load that goes away faster than that belongs to stock which still stands: the insert is broken, or
-/// the sensor does not show the load any more.
+/// A gap shows in the load before the tip reaches it. The outer end of the edge leads, so at a wall square to
+/// the feed the depth falls by the tangent of the lead angle for each mm of feed, and never faster. In
+/// material that is harder than the force law says, the depth reads higher by a factor and falls faster by
+/// the same factor. If a load vanishes faster, the stock is still there: the insert is broken, or the sensor
+/// no longer shows the load.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Engagement {
-    /// Where the stock was felt last, mm along the cut.
+    /// Position at which stock was felt last, mm along the cut.
     place_mm: f64,
-    /// The least height above the final size that must stand there, mm; 0 where nothing was felt.
+    /// Minimum height of that stock above the final size, mm; 0 if nothing was felt.
     top_mm: f64,
-    /// Height of the tip at that place, mm.
+    /// Height of the tip at that position, mm.
     out_mm: f64,
-    /// The most by which the depth falls per mm of feed.
+    /// Maximum decrease of the depth per mm of feed.
     slope: f64,
 }
 
 impl Engagement {
-    /// Nothing has been felt. At the end of stock the depth falls by at most `slope` mm per mm of feed.
+    /// Nothing felt yet. At the end of stock the depth falls by at most `slope` mm per mm of feed.
     pub(crate) fn new(slope: f64) -> Self {
         Self {
             slope,
@@ -28,18 +28,18 @@ impl Engagement {
         }
     }
 
-    /// A load belongs to a depth at a place and height of the tip, all in mm. Real-time safe.
+    /// Records a depth that was felt at a position and height of the tip, all in mm. Real-time safe.
     pub(crate) fn feel(&mut self, place_mm: f64, out_mm: f64, depth_mm: f64) {
         self.top_mm = self.top_at(place_mm).max(out_mm + depth_mm);
         (self.place_mm, self.out_mm) = (place_mm, out_mm);
     }
 
-    /// The least height that must stand before a tip at a place, mm.
+    /// Minimum height of the stock before a tip at a position, mm.
     pub(crate) fn top_at(&self, place_mm: f64) -> f64 {
         (self.top_mm - (place_mm - self.place_mm).max(0.0) * self.slope).max(0.0)
     }
 
-    /// The depth that was there when a load was felt last, mm.
+    /// The depth at the last load that was felt, mm.
     pub(crate) fn depth_mm(&self) -> f64 {
         (self.top_mm - self.out_mm).max(0.0)
     }
@@ -49,12 +49,12 @@ impl Engagement {
         (self.top_at(self.place_mm + way_mm) - self.out_mm).max(0.0)
     }
 
-    /// Where a load was felt last, mm.
+    /// Position at which a load was felt last, mm.
     pub(crate) fn place_mm(&self) -> f64 {
         self.place_mm
     }
 
-    /// What was felt does not count any more.
+    /// Discards what was felt.
     pub(crate) fn forget(&mut self) {
         (self.top_mm, self.out_mm) = (0.0, 0.0);
     }

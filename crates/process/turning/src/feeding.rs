@@ -5,40 +5,40 @@ use crate::missing::SURE_MM;
 use crate::settings::{OnThin, PassDepth};
 use crate::state::{Reason, TurningState};
 
-/// Time constants of the sensor for which a growing cut is taken to go on growing.
+/// Time constants of the sensor over which the growth of a cut is extrapolated.
 const AHEAD_LAGS: f64 = 2.0;
-/// Share of the depth at full feed below which a place is thin.
+/// Fraction of the depth at full feed below which a position is thin.
 const THIN: f64 = 0.97;
-/// Largest growth over the way below that counts as settled, as a share of the depth.
+/// Maximum growth of a depth that counts as settled, as a fraction of the depth.
 const GROWTH: f64 = 0.02;
 /// Revolutions of contact after which the cut is known again.
 const KNOWN_REV: f64 = 1.5;
-/// Shortest way that is worth a move in rapid, mm.
+/// Minimum distance that is worth a rapid move, mm.
 const MIN_FREE_MM: f64 = 3.0;
-/// Time for which the growing depth must be too much before it is backed off from, s.
+/// Time for which a growing depth must be too large before the tool backs off, s.
 const ENGAGE_CONFIRM_S: f64 = 0.005;
-/// Way beyond where contact is expected after which caution ends, mm.
+/// Distance after the expected contact at which caution ends, mm.
 const CAUTION_MM: f64 = 1.5;
-/// Way before known stock at which the feed is reduced, mm.
+/// Distance before known stock at which the feed is reduced, mm.
 const WATCH_MM: f64 = 0.5;
-/// Way into known stock after which a load must be there, mm: what stands is recorded in cells.
+/// Distance into known stock at which there must be a load, mm: the record has cells of finite width.
 const MET_MM: f64 = 0.2;
-/// Way ahead over which the record must say what may stand, mm.
+/// Distance ahead over which the record must bound the stock, mm.
 const BOUND_MM: f64 = 2.0;
-/// Of the depth that the set load permits in a steady cut, what may be met at once.
+/// Fraction of the depth for the set load in a steady cut that a first contact may have.
 const DEPTH_OF_ENTRY: f64 = 0.9;
-/// What must be left of the edge above the stock at its face, mm.
+/// Minimum length of the edge above the stock at its face, mm.
 const HOLDER_MM: f64 = 0.3;
 
 impl TurningController {
-    /// Feeds with a wish, within slew, preview, protection and override.
+    /// Feeds at `wish`, within the limits of slew rate, preview, protection and override.
     pub(crate) fn drive(&mut self, wish: f64, factor: f64) {
         self.limit_feed(wish);
         let speed = self.settings.speed_mm_s(self.feed) * factor.min(1.0);
         self.along.aim(self.pass_end_mm(), speed);
     }
 
-    /// The feed after a period, for a wish: within slew, preview and protection.
+    /// Moves the feed towards `wish` for one period, within the limits of slew rate, preview and protection.
     pub(crate) fn limit_feed(&mut self, wish: f64) {
         let settings = &self.settings;
         let regime = &settings.regime;
@@ -59,11 +59,11 @@ impl TurningController {
         wish = wish.max(regime.feed_min_mm_rev);
         let up = self.feed + settings.slew_up_mm_rev_s * settings.period_s;
         let down = self.feed - settings.slew_down_mm_rev_s * settings.period_s;
-        // From a stand the smallest feed is taken at once.
+        // From rest, the feed starts at its minimum.
         self.feed = wish.clamp(down, up.max(regime.feed_min_mm_rev));
     }
 
-    /// Largest feed for what earlier passes have left ahead.
+    /// Largest feed for the stock ahead that earlier passes have left.
     pub(crate) fn preview(&self) -> f64 {
         let settings = &self.settings;
         let (along, out) = (self.along.point().position, self.out.point().position);
@@ -96,7 +96,7 @@ impl TurningController {
         if self.misses_load(here) {
             return;
         }
-        // Air inside a pass is a thin place too.
+        // Air inside a pass counts as a thin position.
         let gap = self.felt.in_air && here > 0.0;
         if self.thin(gap, 0.0) {
             return;
@@ -109,16 +109,16 @@ impl TurningController {
         self.end_of_pass();
     }
 
-    /// Feed towards stock that has not been felt: what may stand there by the record is taken at the set load
-    /// at once.
+    /// Feed towards stock that has not been felt: the entry feed, or a higher one if the record bounds the
+    /// depth and the set load permits it.
     pub(crate) fn approach_feed(&self, here: f64) -> f64 {
         let settings = &self.settings;
         let entry = settings.strategy.entry_feed_mm_rev;
         if !settings.strategy.preview || self.places.cautious_to_mm.is_some() {
             return entry;
         }
-        // Beyond a gap the stock is met as it was left: growing along the lead angle, by an edge that has
-        // just been felt.
+        // After a gap the depth grows along the lead angle as before it, and the edge is intact because it
+        // was just felt.
         if self.felt.in_air {
             return settings.regime.feed_max_mm_rev;
         }
@@ -129,7 +129,7 @@ impl TurningController {
         })
     }
 
-    /// How far the tool may go in rapid: where it is known that nothing stands in the way.
+    /// Target of a rapid move, before which the tool is known to be clear of stock.
     pub(crate) fn free_way(&self, here: f64) -> Option<f64> {
         let settings = &self.settings;
         if !settings.strategy.preview || self.places.cautious_to_mm.is_some() {
@@ -147,13 +147,13 @@ impl TurningController {
             .then_some(clear)
     }
 
-    /// Depth that must be felt now: what stands for sure where the tip was `behind_mm` before.
+    /// Minimum depth that must be felt now: known stock at the position of the tip `behind_mm` ago.
     pub(crate) fn sure_depth(&self, behind_mm: f64) -> f64 {
         let (along, out) = (self.along.point().position, self.out.point().position);
         self.record.depth_ahead_mm(along, out, -behind_mm, true)
     }
 
-    /// Depth that must have been felt by now: known stock, and what was felt before, mm.
+    /// Depth that must have been felt by now, mm: known stock, and stock that was felt before.
     pub(crate) fn depth_to_be_met(&self, here: f64) -> f64 {
         self.sure_depth(MET_MM).max(self.expected_depth(here))
     }
@@ -166,7 +166,7 @@ impl TurningController {
         self.go(TurningState::Fault, Reason::BrokenInsert { before, depth_mm });
     }
 
-    /// The first time that the face is felt, its place tells how high the stock is.
+    /// On the first contact with the face, its position gives the height of the stock.
     pub(crate) fn face_felt(&mut self, here: f64) -> Option<Reason> {
         let settings = self.settings;
         let out = self.out.point().position;
@@ -260,24 +260,25 @@ impl TurningController {
         if self.thin(thin, depth) {
             return;
         }
-        // What has grown over a revolution goes on growing while the chip forms and the sensor lags.
+        // Growth over the last revolution is extrapolated over the sensor's lag and the revolution in which
+        // the chip forms.
         let turns = settings.strategy.anticipation_rev * (1.0 + AHEAD_LAGS * settings.sensor_lag_s / turn_s);
         let ahead = self.view.depth_now_mm + turns * self.view.growth_mm;
         self.drive(regime.feed_mm_rev(depth.max(ahead)), factor);
         self.end_of_pass();
     }
 
-    /// How far ahead what is known was planned for, mm.
+    /// Distance ahead for which the known stock was planned, mm.
     fn ahead_mm(&self) -> f64 {
         self.settings.tool.overhang_mm() + CAUTION_MM
     }
 
-    /// Whether what lies ahead is known: the pass was planned for it, thin places and all.
+    /// Whether the stock ahead is known: the pass was planned for it, thin positions included.
     fn knows_ahead(&self, here: f64) -> bool {
         self.record.at(here + self.ahead_mm()).known
     }
 
-    /// Watches for a thin place, and leaves it if that is wanted; returns whether it does.
+    /// Monitors a thin position and leaves it if the strategy requires that; returns whether it does.
     pub(crate) fn thin(&mut self, thin: bool, depth_mm: f64) -> bool {
         let settings = self.settings;
         let (here, out) = (self.along.point().position, self.out.point().position);
@@ -300,7 +301,7 @@ impl TurningController {
                 self.places.returned_thin < most && self.may_return() && !self.knows_ahead(here)
             }
             OnThin::ReturnIfSaved => {
-                // What is this thin costs no further pass if it is left.
+                // Stock this thin costs no further pass if it is left.
                 let length = (settings.length_mm - here).max(0.0);
                 let passes = |height| {
                     settings
@@ -324,7 +325,7 @@ impl TurningController {
         leaves
     }
 
-    /// At the end the tool stays for a revolution, so that the last of the cut is round.
+    /// Dwells at the end for a revolution, so that the end of the cut is round.
     pub(crate) fn end_of_pass(&mut self) {
         let settings = self.settings;
         if !self.along.has_arrived() || self.along.target() < self.pass_end_mm() {
@@ -337,7 +338,7 @@ impl TurningController {
         }
     }
 
-    /// The pass is over: the way back, or a fault where it has shown that something is wrong.
+    /// Ends the pass: returns, or enters a fault if the pass showed that something is wrong.
     pub(crate) fn finish_pass(&mut self) {
         let settings = self.settings;
         if self.plan.meets_unknown && !self.plan.is_touched && self.plan.out_mm <= settings.tolerance_mm {

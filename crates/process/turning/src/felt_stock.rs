@@ -1,4 +1,4 @@
-//! The stock that the load tells of: contact, depth, and what must still stand.
+//! The stock by the load: contact, depth, and what must still be there.
 
 use crate::backing_off::HARDEST;
 use crate::engagement::Engagement;
@@ -6,30 +6,31 @@ use crate::settings::TurningSettings;
 use crate::tip_contact::TipContact;
 use crate::watch::SMOOTHING_S;
 
-/// What was felt of the stock. Places in mm along the cut, heights above the final size.
+/// The stock that was felt. Positions in mm along the cut, heights above the final size.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FeltStock {
-    /// Place of contact; none in air.
+    /// Position of contact; `None` in air.
     pub(crate) contact_mm: Option<f64>,
     /// In a gap of the stock.
     pub(crate) in_air: bool,
-    /// What was felt last, and must still be there.
+    /// The stock that was felt last and must still be there.
     pub(crate) engagement: Engagement,
-    /// Whether that stands under the tip.
+    /// Whether that stock is under the tip.
     pub(crate) tip: TipContact,
-    /// Largest depth since contact and where it was reached.
+    /// Maximum depth since contact, and its position.
     pub(crate) grown_mm: (f64, f64),
-    /// Place and depth of the cut once it had settled for a revolution.
+    /// Position and depth of the cut once it had settled for a revolution.
     pub(crate) settled_mm: (f64, f64),
-    /// Height of the shoulder that is backed off from.
+    /// Height of the shoulder at which the tool backed off.
     pub(crate) shoulder_mm: f64,
-    /// Place by which stock must be met, and its depth: a shoulder that was backed off from, or the cut
-    /// before a hold.
+    /// Position by which stock must be met, and its depth: a shoulder at which the tool backed off, or the
+    /// cut before a hold.
     pub(crate) expected_mm: Option<(f64, f64)>,
-    /// The load has gone at this place in a way that may be a gap, or a shoulder was backed off from; none
-    /// once a depth is felt again. A touch alone proves nothing: off the axis the highest point comes first.
+    /// Position at which the load vanished in a manner that may be a gap, or at which the tool backed off;
+    /// `None` once a depth is felt again. A short contact proves nothing: in an eccentric blank the highest
+    /// point comes first.
     pub(crate) unproven_mm: Option<f64>,
-    /// Load that the sensor still shows of what was cut before, and the fraction of it that goes in a cycle.
+    /// Decaying reading of the previous cut, and the fraction of it that decays in a cycle.
     pub(crate) residue_n: f64,
     pub(crate) residue_fraction: f64,
 }
@@ -52,7 +53,7 @@ impl FeltStock {
         }
     }
 
-    /// The edge leaves the stock; shoulders and what is unproven stay.
+    /// The edge leaves the stock; shoulders and unproven stock are kept.
     pub(crate) fn lose(&mut self) {
         self.in_air = false;
         self.contact_mm = None;

@@ -1,4 +1,4 @@
-//! Turning in fixed passes (G82), for comparison and as the way without a sensor.
+//! Turning in fixed passes (G82), for comparison and for machines without a sensor.
 
 use crate::axis::AxisDrive;
 use crate::settings::TurningSettings;
@@ -54,7 +54,7 @@ impl FixedPasses {
         self.settings.period_s
     }
 
-    /// The next place along, height, and whether the tool feeds; none at the end.
+    /// The next position along, height, and whether the tool feeds; `None` after the end.
     pub fn step(&mut self) -> Option<(f64, f64, bool)> {
         let settings = &self.settings;
         let height = self.heights.get(self.next).copied();

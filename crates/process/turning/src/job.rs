@@ -1,4 +1,4 @@
-//! A job of self-programmed turning: what its file says, checked.
+//! A job of self-programmed turning, read from its file and checked.
 
 use evolvent_config::{ConfigDocument, ConfigError};
 use evolvent_cutting::{Cut, ForceLaw, LawDefinition};
@@ -15,7 +15,7 @@ use crate::settings::{Strategy, TurningSettings};
 use crate::tool::Tool;
 use crate::wear::Wear;
 
-/// By how much the law may differ from its power law over the feeds and depths of the job.
+/// Maximum relative difference between the law and its power law over the feeds and depths of the job.
 const MAX_MISFIT: f64 = 0.1;
 
 /// A job that can be run.
@@ -25,13 +25,13 @@ pub struct Job {
     pub name: String,
     /// The cut.
     pub cut: CutFile,
-    /// Settings, with the usual motion limits: the machine's have to be put in.
+    /// Settings with the usual motion limits. [`Job::drive_with`] replaces them by the machine's.
     pub settings: TurningSettings,
     /// Stock for trials.
     pub blank: Option<Blank>,
     /// Sensor for trials.
     pub sensor: SensorModel,
-    /// Largest difference between the force law and the power law that the controller uses, as a share.
+    /// Maximum relative difference between the force law and the power law of the controller.
     pub law_misfit: f64,
     /// The file's name and text.
     source: (String, String),
@@ -41,7 +41,7 @@ impl Job {
     /// Reads a job file; `file` names it in errors.
     ///
     /// # Errors
-    /// Keys that are unknown, missing or make no sense, and regimes that do not hold, with place and key.
+    /// Keys that are unknown, missing or out of range, and invalid regimes, with position and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::parse(text, file)?;
         let job = sheet.read::<JobFile>()?.job(&sheet)?;
@@ -49,8 +49,8 @@ impl Job {
         Ok(job)
     }
 
-    /// The stock must not stand higher than the passes reach. Of another cut ([`Job::for_cut`]) it says
-    /// nothing.
+    /// The stock must not be higher than the passes reach. It does not apply to another cut
+    /// ([`Job::for_cut`]).
     fn check_stock(&self, sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
         let Some(blank) = &self.blank else {
             return Ok(());
@@ -78,7 +78,7 @@ impl Job {
     /// The same tool, law, load, feed and strategy for another cut.
     ///
     /// # Errors
-    /// What does not fit that cut, with the file's place and key.
+    /// Values that do not fit that cut, with the file's position and key.
     pub fn for_cut(&self, cut: CutFile) -> Result<Self, ConfigError> {
         let (file, text) = &self.source;
         let sheet = ConfigDocument::parse(text, file)?;
@@ -93,8 +93,7 @@ impl Job {
         &self.source.1
     }
 
-    /// Puts a machine's limits in, and its control period. Moves that do not cut go as fast as the axes
-    /// allow.
+    /// Sets the machine's limits and its control period. Moves that do not cut go as fast as the axes allow.
     pub fn drive_with(&mut self, along: ScalarLimits, out: ScalarLimits, period_s: f64) {
         let settings = &mut self.settings;
         (settings.along_limits, settings.out_limits) = (along, out);
@@ -104,7 +103,7 @@ impl Job {
     }
 }
 
-/// The key that is wrong where there is no regime, and what to do.
+/// The key that causes an error of the regime, and what to do.
 fn key_of(error: &RegimeError) -> (&'static str, &'static str) {
     match error {
         RegimeError::Law { .. } => ("law", "correct the force law"),
@@ -186,7 +185,7 @@ impl JobFile {
             cone: self.cone(sheet, &tool)?,
             beyond_mm: self.cut.beyond_mm(),
             allowance_max_mm: self.cut.allowance_max_mm,
-            // The literal strategy overloads by itself.
+            // The literal strategy causes overloads by itself.
             overload_n: self
                 .load
                 .overload_n
@@ -218,7 +217,7 @@ impl JobFile {
         })
     }
 
-    /// The cone behind the cylinder.
+    /// The cone after the cylinder.
     fn cone(&self, sheet: &ConfigDocument<'_>, tool: &Tool) -> Result<Option<Cone>, ConfigError> {
         let cut = &self.cut;
         let (from_mm, angle_deg) = match (cut.cone_from_mm, cut.cone_deg) {
@@ -259,7 +258,7 @@ impl JobFile {
         Ok(Some(cone))
     }
 
-    /// Prices as the cost of wear over that of time.
+    /// The price of wear relative to that of machine time.
     fn wear(&self, sheet: &ConfigDocument<'_>) -> Result<Wear, ConfigError> {
         let Some(cost) = &self.cost else {
             return Ok(Wear::default());
@@ -332,8 +331,8 @@ impl JobFile {
         }
         let depth_max_mm = regime.depth_max_mm;
         let lead_per_depth = 1.0 / tool.slope();
-        // Nearest to the axis come the deepest cut of the last pass and the tip of the highest one, which
-        // ends at the shoulder.
+        // The force acts nearest to the axis in the deepest cut of the last pass, or at the tip of the
+        // highest pass, which ends at the shoulder.
         let shoulder_mm = (self.cut.allowance_max_mm * lead_per_depth).min(self.cut.beyond_mm());
         let nearer_mm = (depth_max_mm * lead_per_depth).max(2.0 * shoulder_mm);
         let end_mm = diameter_mm - 2.0 * self.cut.length_mm - nearer_mm;
@@ -374,7 +373,7 @@ impl JobFile {
         }
     }
 
-    /// The law at the cutting speed of the job as a power law, and how far that is off.
+    /// The law at the cutting speed of the job as a power law, and its relative error.
     fn law(&self, sheet: &ConfigDocument<'_>) -> Result<(CutLaw, f64), ConfigError> {
         let law = &self.law;
         let diameter = self.cut.speed_diameter_mm.unwrap_or(self.cut.diameter_mm);
@@ -424,7 +423,7 @@ impl JobFile {
         }
     }
 
-    /// A power law with the slopes of any law in the middle of the feeds, at the set load.
+    /// A power law with the slopes of the force law at the geometric mean of the feeds and at the set load.
     fn fit(
         &self,
         sheet: &ConfigDocument<'_>,
@@ -458,7 +457,7 @@ impl JobFile {
             })
             .map_err(|error| refuse(&error))
         };
-        // The depth at the set load in the middle, by bisection.
+        // The depth at the set load, by bisection.
         let depth_at = |feed: f64| {
             let (mut low, mut high) = (1e-3, 100.0);
             for _ in 0..60 {
@@ -504,7 +503,7 @@ impl JobFile {
 }
 
 impl CutFile {
-    /// How far stock may go on behind the end of the cut, mm: when facing no farther than to the axis.
+    /// Maximum length of stock after the end of the cut, mm: in facing at most up to the axis.
     #[must_use]
     pub fn beyond_mm(&self) -> f64 {
         match (self.end, self.kind) {
@@ -514,7 +513,7 @@ impl CutFile {
         }
     }
 
-    /// Radius (X of the axis) and Z in mm of a place along the cut and a height.
+    /// Radius (X of the axis) and Z of a position along the cut and a height, all in mm.
     #[must_use]
     pub fn position_mm(&self, along_mm: f64, out_mm: f64) -> (f64, f64) {
         match self.kind {
@@ -523,7 +522,7 @@ impl CutFile {
         }
     }
 
-    /// Place along the cut and height of a radius and a Z, all in mm.
+    /// Position along the cut and height of a radius and a Z, all in mm.
     #[must_use]
     pub fn place_mm(&self, x_mm: f64, z_mm: f64) -> (f64, f64) {
         match self.kind {

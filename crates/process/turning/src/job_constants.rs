@@ -1,21 +1,21 @@
-//! Figures of a job that its settings determine.
+//! Values of a job that follow from its settings.
 
 use crate::settings::TurningSettings;
 use crate::watch::SMOOTHING_S;
 
-/// What is computed once at set-up.
+/// Values computed once at set-up.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct JobConstants {
-    /// What a pass costs beside its cut, in revolutions.
+    /// Cost of a pass beside its cut, in revolutions.
     pub(crate) overhead_rev: f64,
     /// Depth from which two passes are faster than one, mm.
     pub(crate) split_mm: f64,
-    /// How far the tool goes in until it is felt, mm.
+    /// Distance that the tool enters the stock before the load shows contact, mm.
     pub(crate) detection_mm: f64,
 }
 
 impl JobConstants {
-    /// Of settings that have been checked.
+    /// Computes the values of checked settings.
     pub(crate) fn new(settings: &TurningSettings) -> Self {
         let (regime, turn_s) = (&settings.regime, settings.turn_s());
         let overhead_s = settings.length_mm / settings.rapid_mm_s
@@ -30,8 +30,8 @@ impl JobConstants {
         }
     }
 
-    /// How far the tool goes in at the entry feed until the load of contact shows, mm. The chip is as thick
-    /// as the way gone until a revolution is over; the sensor and the smoothing lag behind.
+    /// Distance that the tool enters the stock at the entry feed before the load shows contact, mm. Within
+    /// the first revolution the chip is as thick as the distance fed; sensor and smoothing add their lag.
     fn detection(settings: &TurningSettings) -> f64 {
         let feed = settings.strategy.entry_feed_mm_rev;
         let step_mm = settings.speed_mm_s(feed) * settings.period_s;

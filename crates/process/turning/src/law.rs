@@ -53,13 +53,13 @@ impl CutLaw {
         libm::pow(load / at_one, 1.0 / self.depth_exponent)
     }
 
-    /// `xz/yz`: what the feed does against what the depth does.
+    /// `xz/yz`: the effect of depth relative to that of feed.
     #[must_use]
     pub fn exponent_ratio(&self) -> f64 {
         self.depth_exponent / self.feed_exponent
     }
 
-    /// Whether the numbers make a law: finite, positive coefficient, exponents in (0, 3].
+    /// Whether the law is valid: finite, positive coefficient, exponents in (0, 3].
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let exponents = [self.depth_exponent, self.feed_exponent];

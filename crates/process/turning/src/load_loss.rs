@@ -1,6 +1,6 @@
-//! A load that has gone, and interruptions of the cut.
+//! Lost loads, and interruptions of the cut.
 
-/// How long a load has been missing, and what was there before.
+/// Duration of a lost load, and the load before.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct LoadLoss {
     /// Time without load in a cut, s.
@@ -9,14 +9,15 @@ pub(crate) struct LoadLoss {
     pub(crate) missing_s: f64,
     /// The load before, N.
     pub(crate) before_n: f64,
-    /// Time for which the cut counts as interrupted, s: a load has gone and come back within a revolution.
+    /// Remaining time for which the cut counts as interrupted, s: a load vanished and returned within a
+    /// revolution.
     pub(crate) interrupted_s: f64,
-    /// The longest way of such an interruption, mm.
+    /// Longest distance of such an interruption, mm.
     pub(crate) interruption_mm: f64,
 }
 
 impl LoadLoss {
-    /// Nothing is missing; what was felt before stays known.
+    /// No load is missing; the previous load is kept.
     pub(crate) fn begin(&mut self) {
         *self = Self {
             before_n: self.before_n,

@@ -1,34 +1,36 @@
-//! A load that is missing: a gap in the stock, or a cut that nobody feels.
+//! A missing load: a gap in the stock, or a cut that the sensor does not show.
 
 use crate::climb::LoadAfter;
 use crate::controller::{MIN_CHIP, TurningController};
 use crate::state::{Reason, TurningState};
 
-/// Revolutions without load after which it counts as gone.
+/// Revolutions without load after which it counts as lost.
 pub(crate) const LOSS_REV: f64 = 1.1;
-/// Depth in which a load must be felt, mm.
+/// Depth at which a load must be felt, mm.
 pub(crate) const SURE_MM: f64 = 0.5;
-/// Way back to where the load was there before, mm.
+/// Distance back to where the load was felt before, mm.
 const GONE_MM: f64 = 0.1;
-/// What the edge may leave at once at the end of stock, mm: noise of the load and the shape of the chip.
+/// Decrease of depth that the end of stock may cause at once, mm: noise of the load and the shape of the
+/// chip.
 const ABRUPT_MM: f64 = 0.3;
-/// The same where it cannot be told from the end of stock, mm.
+/// Excess above which a lost load stays unproven, because it may not be the end of stock, mm.
 const GRADUAL_MM: f64 = 0.1;
-/// What noise makes of the depth at which the load of contact ends, and of a depth that was felt.
+/// Effect of noise on the depth at which the load of contact ends (factor), and on a depth that was felt
+/// (fraction).
 const NOISE: f64 = 1.3;
 const DEPTH_NOISE: f64 = 0.06;
 /// Revolutions for which a cut counts as interrupted after an interruption.
 const INTERRUPTED_REV: f64 = 3.0;
-/// What the sensor's lag may make of the way of an interruption.
+/// Factor of the sensor's lag on the distance of an interruption.
 const INTERRUPTION_NOISE: f64 = 1.3;
 /// Fraction of the mean load of a revolution below which the load is falling to zero.
 const FALLING: f64 = 0.5;
-/// Loads of contact that a chip must make to be missed.
+/// Load of a chip, in contact loads, above which its absence is noticed.
 const CLEAR_LOADS: f64 = 2.0;
 
 impl TurningController {
-    /// Follows the load of a cut. Where it has been missing for a revolution the pass ends in a fault, or
-    /// goes on as in air if the edge can have left the stock; returns whether it does either.
+    /// Follows the load of a cut. If it has been missing for a revolution, the pass ends in a fault, or goes
+    /// on as in air if the edge can have left the stock. Returns whether it does either.
     pub(crate) fn has_lost_load(&mut self) -> bool {
         match self.load_after() {
             LoadAfter::There => return false,
@@ -43,7 +45,7 @@ impl TurningController {
         true
     }
 
-    /// Follows the load of a cut, and says what has become of it.
+    /// Follows the load of a cut and returns its state.
     pub(crate) fn load_after(&mut self) -> LoadAfter {
         let settings = self.settings;
         let turn_s = settings.turn_s();
@@ -71,14 +73,14 @@ impl TurningController {
         if self.loss.air_s <= LOSS_REV * turn_s {
             return LoadAfter::There;
         }
-        // Where the cut is interrupted the edge may have left the stock within an interruption.
+        // In an interrupted cut the edge may have left the stock during an interruption.
         let left = self
             .felt
             .engagement
             .depth_after_mm(INTERRUPTION_NOISE * self.loss.interruption_mm);
         let law = &settings.regime.law;
         let unfelt = NOISE * law.depth_mm(settings.contact_load_n, self.trail.chip_mm().max(self.feed));
-        // Stock must have been under the edge for the whole revolution, not only come to it in the end.
+        // Stock must have been under the edge for the whole revolution, and not only at its end.
         let revolution_mm = self.trail.chip_mm().max(GONE_MM);
         let sure = self.sure_depth(GONE_MM).min(self.sure_depth(revolution_mm));
         if sure > SURE_MM || left > unfelt + ABRUPT_MM + DEPTH_NOISE * self.felt.grown_mm.0 {
@@ -94,9 +96,9 @@ impl TurningController {
         LoadAfter::Air
     }
 
-    /// Whether the load is missing, or on its way to zero. The depths of a revolution are no depths of the
-    /// stock then: the mean falls as if the place were thin, and the deepest part exceeds it as if the cut
-    /// had grown. A pass that ended on them would hide a broken insert until the stock is met again.
+    /// Whether the load is missing or falling to zero. The depths of the revolution are then not those of the
+    /// stock: the mean falls as at a thin position, and the deepest part exceeds the mean as in a growing
+    /// cut. A pass that ended on them would hide a broken insert until the stock is met again.
     pub(crate) fn is_load_falling(&self) -> bool {
         let is_cut = self.felt.contact_mm.is_some();
         is_cut && (self.loss.air_s > 0.0 || self.view.now < FALLING * self.view.mean)
@@ -110,7 +112,7 @@ impl TurningController {
             || regime.law.load(depth_mm, chip) >= CLEAR_LOADS * self.settings.contact_load_n
     }
 
-    /// Stock of a depth must be met at a place, or before.
+    /// Stock of a depth must be met before or at a position.
     pub(crate) fn require_stock(&mut self, place_mm: f64, depth_mm: f64) {
         self.felt.expected_mm = (depth_mm > SURE_MM).then_some((place_mm, depth_mm));
     }
@@ -123,7 +125,7 @@ impl TurningController {
         }
     }
 
-    /// Of a cut that ends in a fault the shoulder stays, and is expected when the job goes on.
+    /// After a fault in a cut, keeps the shoulder, which is expected when the job goes on.
     pub(crate) fn keep_shoulder(&mut self) {
         let depth = self.felt.engagement.depth_mm();
         let cuts = matches!(

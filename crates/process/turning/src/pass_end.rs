@@ -1,4 +1,4 @@
-//! The end of a pass: the way back, and where the next pass starts.
+//! The end of a pass: the return, and the start of the next pass.
 
 use crate::controller::TurningController;
 use crate::return_path::Leg;
@@ -6,7 +6,7 @@ use crate::settings::PassDepth;
 use crate::state::{Reason, TurningState};
 use crate::tip_contact::Front;
 
-/// More passes than these are a fault.
+/// Maximum number of passes; a further one is a fault.
 const MAX_PASSES: u32 = 1000;
 
 impl TurningController {
@@ -28,7 +28,7 @@ impl TurningController {
         self.go(state, reason);
     }
 
-    /// Where the next pass starts and how high it goes.
+    /// Plans start and height of the next pass.
     pub(crate) fn plan_pass(&mut self) {
         let settings = &self.settings;
         let tolerance = settings.tolerance_mm;
@@ -36,7 +36,7 @@ impl TurningController {
         self.plan.out_mm = match settings.strategy.depth {
             PassDepth::Final => 0.0,
             PassDepth::KnownFinal => self.known_final(),
-            // The pass that is planned has not been counted yet.
+            // The planned pass is not counted yet.
             PassDepth::LeastTime { .. } => self.parts_of(known, u32::MAX),
             PassDepth::Bounded { .. } if self.record.is_level(tolerance) => {
                 self.parts_of(known, self.passes_left().saturating_sub(1))
@@ -52,7 +52,7 @@ impl TurningController {
             .last_above(self.plan.out_mm + tolerance)
             .unwrap_or(f64::INFINITY);
         let clear = self.record.clear_place_mm(from, self.plan.out_mm);
-        // What stands on the cone alone is reached along the pass before it.
+        // Stock that is only on the cone is reached along the pass before it.
         let before_cone = settings
             .cone
             .map_or(f64::INFINITY, |cone| cone.place_mm(self.plan.out_mm));
@@ -60,7 +60,7 @@ impl TurningController {
         self.plan.stock_to_mm = end;
     }
 
-    /// The final size, or the depth after backing off below what is known to be too deep.
+    /// The final size, or the depth after backing off from stock that is known to be too deep.
     fn known_final(&self) -> f64 {
         let (settings, regime) = (&self.settings, &self.settings.regime);
         let first = self.record.first_above(settings.tolerance_mm).unwrap_or(0.0);
@@ -72,13 +72,13 @@ impl TurningController {
         }
     }
 
-    /// What remains of a height after the first of the equal parts that take the least time, of those that
-    /// are left.
+    /// Height that remains after the first of the equal parts that take the least time, within the remaining
+    /// number of passes.
     pub(crate) fn part_of(&self, height: f64) -> f64 {
         self.parts_of(height, self.passes_left())
     }
 
-    /// The same in at most N parts, or in as many as are needed.
+    /// The same in at most `most` parts, or in as many as are needed.
     fn parts_of(&self, height: f64, most: u32) -> f64 {
         let regime = &self.settings.regime;
         let fastest = regime.fastest_passes(height, self.settings.length_mm, self.constants.overhead_rev);

@@ -1,28 +1,28 @@
-//! The pass under way: where it begins, how high it goes, and what it has met.
+//! The present pass: where it begins, how high it goes, and what it has met.
 
-/// The pass under way.
+/// The present pass.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PassPlan {
-    /// From 1; 0 before the first one.
+    /// Number, from 1; 0 before the first pass.
     pub(crate) number: u32,
     /// Height above the final size, mm.
     pub(crate) out_mm: f64,
-    /// The highest that the tool has been at, mm.
+    /// Maximum height of the tool in this pass, mm.
     pub(crate) highest_mm: f64,
-    /// Place at which it begins, mm along the cut.
+    /// Position at which it begins, mm along the cut.
     pub(crate) start_mm: f64,
-    /// Place up to which stock may stand that it is to take, mm; without end where that is not known.
+    /// End of the stock that it may have to cut, mm; infinite if that is unknown.
     pub(crate) stock_to_mm: f64,
-    /// It goes over places that no pass has been over before.
+    /// It covers positions that no pass has covered before.
     pub(crate) meets_unknown: bool,
     /// A load has been felt.
     pub(crate) is_touched: bool,
-    /// Time for which the tool has stood at the end, s.
+    /// Time for which the tool has dwelt at the end, s.
     pub(crate) end_s: f64,
 }
 
 impl PassPlan {
-    /// Before the first pass, for a tool at a place and height, mm.
+    /// Before the first pass, for a tool at a position and height, mm.
     pub(crate) fn new(start_mm: (f64, f64)) -> Self {
         Self {
             number: 0,

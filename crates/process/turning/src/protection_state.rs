@@ -1,25 +1,25 @@
-//! What protection remembers from cycle to cycle.
+//! The state of protection between cycles.
 
 use crate::settings::TurningSettings;
 use crate::state::TurningState;
 
-/// Times of an overload and of a sensor that cannot be believed, holds, and the start.
+/// Durations of an overload and of implausible readings, holds, and the start.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ProtectionState {
     /// Time above the overload limit, s.
     pub(crate) overload_s: f64,
-    /// Time without a reading that can be believed, s, ...
+    /// Time without a plausible reading, s, ...
     pub(crate) blind_s: f64,
-    /// ... and the longest that the feed goes on.
+    /// ... and the longest such time for which the feed goes on.
     pub(crate) blind_max_s: f64,
-    /// The state in which a hold came.
+    /// The state in which the hold began.
     pub(crate) before_hold: TurningState,
-    /// The start has not been let go since the last one.
+    /// The start input has not been cleared since the last start.
     pub(crate) start_seen: bool,
 }
 
 impl ProtectionState {
-    /// Nothing has happened.
+    /// The initial state.
     pub(crate) fn new(settings: &TurningSettings) -> Self {
         Self {
             overload_s: 0.0,

@@ -1,19 +1,21 @@
-//! What the controller knows of the stock from its own passes.
+//! The controller's knowledge of the stock from its own passes.
 
 use crate::cone::Cone;
 
-/// Most cells of a record.
+/// Maximum number of cells of a record.
 const CELLS: usize = 4096;
-/// Of the highest place, what counts as level with it.
+/// Fraction of the maximum height from which stock counts as level with it.
 const ABOUT: f64 = 0.75;
-/// Minimum fraction of the positions that are level, for stock to be level.
+/// Minimum fraction of level positions in level stock.
 const LEVEL_FRACTION: f64 = 0.8;
-/// Narrowest cell, mm.
+/// Minimum width of a cell, mm.
 const CELL_MM: f64 = 0.1;
 
-/// The most that can still stand over each place, mm above the final size, and how well that is known.
+/// Maximum height of the remaining stock at each position, mm above the final size, and how reliably it is
+/// known.
 ///
-/// Room for it is taken once; everything but [`SizeRecord::new`] is real-time safe.
+/// Memory is allocated once; everything but [`SizeRecord::new`] and [`SizeRecord::with_shoulder`] is
+/// real-time safe.
 ///
 /// ```
 /// use evolvent_turning::SizeRecord;
@@ -31,35 +33,35 @@ pub struct SizeRecord {
     cell_mm: f64,
     slope: f64,
     overhang_mm: f64,
-    /// Where the last sweep ended.
+    /// End of the last sweep.
     swept_to: f64,
 }
 
-/// One place.
+/// One position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
-    /// The most that can stand here, mm; infinite where no part of the edge has been.
+    /// Maximum height of the stock here, mm; infinite where no part of the edge has been.
     pub top_mm: f64,
-    /// The height at which the shoulder of a pass that was given up is taken to go on until the tip has been
-    /// here, mm: no part of the edge has made sure of it.
+    /// Height at which the shoulder of an abandoned pass is assumed to continue until the tip has been here,
+    /// mm: no part of the edge has confirmed it.
     pub shoulder_mm: f64,
     /// The tip has passed.
     pub known: bool,
     /// The tip has passed, and a load was felt.
     pub felt: bool,
-    /// The tip has passed and was in stock, which stays below it: as much as `least_mm` does stand here.
+    /// The tip has passed and was in stock, which remains below it: at least `least_mm` of stock is here.
     pub sure: bool,
-    /// What may stand here at the end, mm: more than nothing on a cone and on the wall.
+    /// Height that may remain at the end, mm: above 0 on a cone and on the wall.
     pub final_mm: f64,
-    /// Behind the end of the cut, on the wall that the edge leaves along itself. The tip does not come here
-    /// at the final size: what the edge has left is all that is to be known.
+    /// After the end of the cut, on the wall that the edge leaves along itself. At the final size the tip
+    /// does not come here, so the record is complete with what the edge has left.
     pub is_wall: bool,
-    /// What stands at least where that is sure, mm. Below `top_mm` where the edge has been, but not for a
-    /// whole turn.
+    /// Minimum height of the stock where it is sure, mm. Below `top_mm` where the edge has been for less than
+    /// a revolution.
     pub least_mm: f64,
 }
 
-/// A place of which nothing is known.
+/// A position of which nothing is known.
 const NOTHING: Cell = Cell {
     top_mm: f64::INFINITY,
     shoulder_mm: f64::INFINITY,
@@ -72,7 +74,7 @@ const NOTHING: Cell = Cell {
 };
 
 impl SizeRecord {
-    /// Nothing is known over a length. The edge rises by `slope` mm per mm of lead, over `overhang_mm`.
+    /// An empty record over a length. The edge rises by `slope` mm per mm of lead, over `overhang_mm`.
     #[must_use]
     pub fn new(length_mm: f64, slope: f64, overhang_mm: f64) -> Self {
         let cells = (length_mm / CELL_MM).ceil().clamp(1.0, CELLS as f64);
@@ -85,7 +87,7 @@ impl SizeRecord {
         }
     }
 
-    /// The same with a cone on which `tolerance_mm` may be left.
+    /// Adds a cone on which `tolerance_mm` may be left.
     #[must_use]
     pub fn with_cone(mut self, cone: Option<Cone>, tolerance_mm: f64) -> Self {
         if let Some(cone) = cone {
@@ -97,11 +99,11 @@ impl SizeRecord {
         self
     }
 
-    /// The same where stock may go on behind the end of the cut, over a length, and where the final contour
-    /// begins with `foot_mm` there: above it a wall is left along the edge.
+    /// Adds the stock after the end of the cut, over a length. The final contour there begins with `foot_mm`
+    /// and rises as a wall along the edge.
     #[must_use]
     pub fn with_shoulder(mut self, shoulder_mm: f64, foot_mm: f64) -> Self {
-        // No cell that ends beyond the edge of the last pass, which does not reach the end of it.
+        // No cell ends beyond the edge of the last pass, which would not reach its end.
         let more = (shoulder_mm / self.cell_mm - 1e-6)
             .floor()
             .clamp(0.0, CELLS as f64) as usize;
@@ -115,8 +117,8 @@ impl SizeRecord {
         self
     }
 
-    /// The edge has cut all round up to a place of the tip, at a height; `felt` and `sure` as in `Cell`. Only
-    /// ways forward count.
+    /// The edge has cut over a whole revolution up to a position of the tip, at a height; `felt` and `sure`
+    /// as in `Cell`. Only forward motion counts.
     pub fn sweep(&mut self, along_mm: f64, out_mm: f64, felt: bool, sure: bool) {
         let before = self.swept_to;
         self.swept_to = along_mm;
@@ -124,7 +126,7 @@ impl SizeRecord {
             return;
         }
         let out_mm = out_mm.max(0.0);
-        // Cells whose far end was passed.
+        // Cells whose far end has been passed.
         let (first, tip) = (self.ends_before(before), self.ends_before(along_mm));
         let last = self.ends_before(along_mm + self.overhang_mm);
         for (i, cell) in self.cells.iter_mut().enumerate().take(last).skip(first) {
@@ -138,7 +140,7 @@ impl SizeRecord {
         }
     }
 
-    /// What the sweep under way has passed from a place on, feeling a load, is sure after all.
+    /// Marks stock as sure that the present sweep has passed from a position on while it felt a load.
     pub fn confirm_from(&mut self, along_mm: f64) {
         let (first, tip) = (self.ends_before(along_mm), self.ends_before(self.swept_to));
         for cell in self.cells.iter_mut().take(tip).skip(first) {
@@ -150,8 +152,8 @@ impl SizeRecord {
         ((along_mm + 1e-9) / self.cell_mm).floor().max(0.0) as usize
     }
 
-    /// The next sweep starts somewhere else. Up to `along_mm` the tip has been, at a height, but not for a
-    /// whole turn: what stands there, and under the edge, is not sure.
+    /// The next sweep starts elsewhere. The tip has been at a height up to `along_mm`, but for less than a
+    /// revolution: the stock there, and under the edge, is not sure.
     pub fn lift(&mut self, along_mm: f64, out_mm: f64) {
         if self.swept_to.is_finite() {
             let (first, tip) = (self.ends_before(self.swept_to), self.ends_before(along_mm) + 1);
@@ -165,8 +167,8 @@ impl SizeRecord {
         self.swept_to = f64::NEG_INFINITY;
     }
 
-    /// A pass was given up where stock of a height was felt: its shoulder stands there, parallel to the edge.
-    /// With `sure` it is certain up to where the shoulder has that height.
+    /// A pass was abandoned where stock of a height was felt. Its shoulder remains there, parallel to the
+    /// edge. With `sure` it is certain up to where the shoulder has that height.
     pub fn leave_shoulder(&mut self, along_mm: f64, height_mm: f64, sure: bool) {
         let (first, last) = (
             self.ends_before(along_mm),
@@ -183,7 +185,7 @@ impl SizeRecord {
         }
     }
 
-    /// What the tip has passed from a place on counts as not known.
+    /// Marks the positions that the tip has passed from a position on as unknown.
     pub fn forget_from(&mut self, along_mm: f64) {
         let first = self.ends_before(along_mm);
         for cell in self.cells.iter_mut().skip(first) {
@@ -195,13 +197,13 @@ impl SizeRecord {
         }
     }
 
-    /// Whether there is a place of the cut that the tip has not passed.
+    /// Whether there is a position of the cut that the tip has not passed.
     #[must_use]
     pub fn has_unknown(&self) -> bool {
         self.cells.iter().any(|cell| !cell.known && !cell.is_wall)
     }
 
-    /// The most that may stand in a cell: without end where it is not known.
+    /// Maximum height in a cell: infinite where it is unknown.
     fn most(cell: &Cell) -> f64 {
         if cell.known || cell.is_wall {
             cell.top_mm
@@ -210,13 +212,12 @@ impl SizeRecord {
         }
     }
 
-    /// Whether more may stand in a cell than a height, and than stays there.
+    /// Whether stock in a cell may exceed a height and its final height.
     fn is_above(cell: &Cell, height_mm: f64) -> bool {
         Self::most(cell) > height_mm.max(cell.final_mm)
     }
 
-    /// The first place where more than `height_mm` may stand, on a cone what is not at size; none if nothing
-    /// does.
+    /// The first position where stock may exceed `height_mm` and its final height; `None` if there is none.
     #[must_use]
     pub fn first_above(&self, height_mm: f64) -> Option<f64> {
         let cell = self
@@ -226,7 +227,7 @@ impl SizeRecord {
         Some(cell as f64 * self.cell_mm)
     }
 
-    /// The end of the last place where more than `height_mm` may stand.
+    /// The end of the last position where stock may exceed `height_mm` and its final height.
     #[must_use]
     pub fn last_above(&self, height_mm: f64) -> Option<f64> {
         let cell = self
@@ -236,7 +237,7 @@ impl SizeRecord {
         Some((cell + 1) as f64 * self.cell_mm)
     }
 
-    /// The most that stands anywhere that is known.
+    /// Maximum height of the known stock above its final height.
     #[must_use]
     pub fn highest_known_mm(&self) -> f64 {
         self.known()
@@ -254,7 +255,7 @@ impl SizeRecord {
         self.known().next().is_none()
     }
 
-    /// What is known of a place; nothing stands beyond the ends.
+    /// The record at a position; air before the start and after the end.
     #[must_use]
     pub fn at(&self, along_mm: f64) -> Cell {
         let air = Cell {
@@ -276,8 +277,8 @@ impl SizeRecord {
             .unwrap_or(air)
     }
 
-    /// How deep an edge with its tip at a height would cut when it has gone on by `ahead_mm` from a place.
-    /// Places that where no load was felt count as nothing, and with `sure` also those that are not sure.
+    /// Depth of the cut of an edge with its tip at a height, `ahead_mm` after a position. Positions where no
+    /// load was felt do not count, and with `sure` neither do those that are not sure.
     #[must_use]
     pub fn depth_ahead_mm(&self, along_mm: f64, out_mm: f64, ahead_mm: f64, sure: bool) -> f64 {
         let at = along_mm + ahead_mm;
@@ -295,9 +296,8 @@ impl SizeRecord {
         deepest
     }
 
-    /// The deepest cut that what may stand over the next `ahead_mm` can make for a tip at a height: without
-    /// end where no part of the edge has been. None where a load was felt there, so that the depth is known
-    /// better.
+    /// Maximum depth of cut within the next `ahead_mm` for a tip at a height: infinite where no part of the
+    /// edge has been. `None` where a load was felt, so that the depth is better known.
     #[must_use]
     pub fn bound_ahead_mm(&self, along_mm: f64, out_mm: f64, ahead_mm: f64) -> Option<f64> {
         let first = (along_mm.max(0.0) / self.cell_mm) as usize;
@@ -312,9 +312,8 @@ impl SizeRecord {
         Some(deepest)
     }
 
-    /// The highest that may stand from a place to another one, mm: without end where no part of the edge has
-    /// been, where the shoulder of a pass that was given up is only taken to go on, and behind the wall that
-    /// the edge leaves.
+    /// Maximum height of the stock between two positions, mm. Infinite where no part of the edge has been,
+    /// where the shoulder of an abandoned pass is only assumed, and after the wall that the edge leaves.
     #[must_use]
     pub fn highest_mm(&self, from_mm: f64, to_mm: f64) -> f64 {
         let first = (from_mm.max(0.0) / self.cell_mm) as usize;
@@ -329,7 +328,7 @@ impl SizeRecord {
         })
     }
 
-    /// Whether most of the known stock of the cut above a height is about as high as its highest point.
+    /// Whether most of the known stock of the cut above a height is nearly as high as its highest point.
     #[must_use]
     pub fn is_level(&self, height_mm: f64) -> bool {
         let above = || {
@@ -345,8 +344,8 @@ impl SizeRecord {
         high as f64 >= LEVEL_FRACTION * all as f64
     }
 
-    /// The last place at which a tip at a height can stand before the stock that starts at `from_mm`, so that
-    /// the whole edge is clear of it.
+    /// The last position of a tip at a height before the stock that starts at `from_mm`, at which the whole
+    /// edge is clear of it.
     #[must_use]
     pub fn clear_place_mm(&self, from_mm: f64, out_mm: f64) -> f64 {
         let mut place = from_mm;
@@ -366,7 +365,7 @@ impl SizeRecord {
         place
     }
 
-    /// The first place from `along_mm` on where more than `height_mm` may stand; none up to the end.
+    /// The first position from `along_mm` on where stock may exceed `height_mm`; `None` if there is none.
     #[must_use]
     pub fn next_above(&self, along_mm: f64, height_mm: f64) -> Option<f64> {
         let first = (along_mm.max(0.0) / self.cell_mm) as usize;
@@ -375,7 +374,7 @@ impl SizeRecord {
         Some((first + cell) as f64 * self.cell_mm)
     }
 
-    /// Cells over the places of their middles, for reports.
+    /// Cells with the positions of their centres, for reports.
     pub fn cells(&self) -> impl Iterator<Item = (f64, &Cell)> + '_ {
         self.cells
             .iter()
@@ -406,7 +405,7 @@ mod tests {
         let top = |place: f64| record.at(place).top_mm;
         assert_eq!((top(2.05), top(5.05), top(9.05)), (3.0, 1.0, 3.0));
         assert!(record.at(2.0).sure && !record.at(5.0).sure && !record.at(12.0).known);
-        // The edge leads: 1 mm before the last place of the tip it stands tan(60) higher.
+        // The edge leads: 1 mm before the last position of the tip it is higher by tan(60) mm.
         assert!((top(6.95) - (1.0 + 3.0_f64.sqrt())).abs() < 1e-9);
         assert!((top(10.95) - (3.0 + 3.0_f64.sqrt())).abs() < 1e-9);
         assert!(top(18.0).is_infinite());
@@ -423,7 +422,7 @@ mod tests {
         assert_eq!(record.highest_mm(0.0, 10.0), 1.0);
         assert!((record.highest_mm(0.0, 12.0) - (1.0 + 2.0 * 3.0_f64.sqrt())).abs() < 1e-9);
         assert!(record.highest_mm(0.0, 17.0).is_infinite());
-        // That the shoulder goes on is not known.
+        // It is unknown whether the shoulder continues.
         record.leave_shoulder(10.0, 2.0, false);
         assert!(record.highest_mm(0.0, 12.0).is_infinite());
         assert!(!record.at(4.0).sure);
@@ -443,17 +442,17 @@ mod tests {
             record.sweep(end_mm, out_mm, true, true);
         };
         assert!(record.has_unknown() && record.first_above(tolerance_mm) == Some(0.0));
-        // 2 mm above the final size the pass ends where its wall is that of the last one.
+        // At 2 mm above the final size, the pass ends where its wall is that of the last one.
         let end_mm = 20.0 + 2.0 / slope;
         pass(&mut record, end_mm, 2.0);
         assert!(!record.has_unknown());
-        // What stands is level: the wall does not count.
+        // The stock is level: the wall does not count.
         assert!(record.is_level(tolerance_mm));
         let left_mm = record.last_above(tolerance_mm).unwrap();
         assert!((end_mm - 0.2..=end_mm).contains(&left_mm), "{left_mm}");
         pass(&mut record, 20.0, 0.0);
         assert_eq!(record.first_above(tolerance_mm), None);
-        // A pass that ends too soon leaves something on the wall, and so does one whose load is not believed.
+        // A pass that ends too early leaves stock on the wall, and so does one whose load was not believed.
         record.forget_from(15.0);
         assert_eq!(record.first_above(tolerance_mm), Some(15.0));
         assert!(record.last_above(tolerance_mm).unwrap() > 22.0);
@@ -482,14 +481,14 @@ mod tests {
         for i in -20..=100 {
             record.sweep(f64::from(i) * 0.1, 2.0, true, true);
         }
-        // Given up in the air of a gap; behind it the tool has to climb.
+        // Abandoned in the air of a gap; after it the tool has to climb.
         record.leave_shoulder(10.0, 2.0, false);
         record.lift(10.0, 2.0);
         for i in 90..=200 {
             record.sweep(f64::from(i) * 0.1, if i < 120 { 2.0 } else { 6.0 }, true, true);
         }
         assert_eq!((record.at(10.5).top_mm, record.at(15.0).top_mm), (2.0, 6.0));
-        // The edge has cut as far as it leads before it climbed.
+        // The edge has cut as far as it leads before the climb.
         let from_mm = record.first_above(4.0).unwrap();
         assert!((12.0..13.5).contains(&from_mm), "{from_mm}");
     }
@@ -501,8 +500,8 @@ mod tests {
             let along = f64::from(i) * 0.1;
             record.sweep(along, if along <= 20.0 { 1.0 } else { 4.0 }, true, true);
         }
-        // The shoulder is parallel to the edge: 1 mm above the tip's pass at 20, 4 mm from 21.7 on. With the
-        // tip at the final size the whole edge meets it at once, 0.58 mm of lead before 20.
+        // The shoulder is parallel to the edge: 1 mm above the pass at 20, 4 mm from 21.7 on. With the tip at
+        // the final size the whole edge meets it at once, 0.58 mm of lead before 20.
         let depth = |along: f64| record.depth_ahead_mm(along, 0.0, 0.5, true);
         assert_eq!(depth(10.0), 1.0);
         assert_eq!(depth(18.5), 1.0);

@@ -1,36 +1,36 @@
-//! The figures of self-programmed passes: depths and feeds that belong to a set load, equations (1) to (5) of
-//! Timiryazev, Mukhin and Ivanov, and the conditions under which they hold.
+//! Depths and feeds of self-programmed passes at a set load: equations (1) to (5) of Timiryazev, Mukhin and
+//! Ivanov, and the conditions under which they hold.
 
 use crate::law::CutLaw;
 use crate::tool::Tool;
 use crate::wear::Wear;
 use evolvent_config::plain;
 
-/// What the figures are made from.
+/// Input of the regime.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RegimeInput {
     /// The load of a cut.
     pub law: CutLaw,
-    /// The load to be held, in the unit of the law.
+    /// The load to hold, in the unit of the law.
     pub set_load: f64,
-    /// Load that machine, chuck and insert permit.
+    /// Maximum load of machine, chuck and insert.
     pub permitted_load: f64,
     /// Smallest feed at which chips still break, mm/rev.
     pub feed_min_mm_rev: f64,
     /// Largest feed that the roughness permits, mm/rev.
     pub feed_max_mm_rev: f64,
-    /// How the depth is chosen to which the tool backs off.
+    /// Choice of the depth to which the tool backs off.
     pub back_off: BackOff,
 }
 
-/// To what depth the tool backs off when a cut is too deep.
+/// Depth to which the tool backs off when a cut is too deep.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BackOff {
-    /// Equation (4): the depths that the tool leaves never need a feed beyond the limits.
+    /// Equation (4): the remaining depths never need a feed beyond the limits.
     Balanced,
     /// The depth at which the passes take the least time.
     LeastTime,
-    /// A feed of your own, mm/rev: the depth is the one that belongs to it.
+    /// The depth of this feed, mm/rev.
     Feed(f64),
 }
 
@@ -64,25 +64,25 @@ pub struct Regime {
     pub feed_max_mm_rev: f64,
     /// Feed that belongs to the depth after backing off, mm/rev: `s_o`.
     pub feed_back_off_mm_rev: f64,
-    /// Depth at the smallest feed, mm: `t_max`, deeper cuts are backed off from.
+    /// Depth at the smallest feed, mm: `t_max`. The tool backs off from deeper cuts.
     pub depth_max_mm: f64,
     /// Depth after backing off, mm: `t_o`.
     pub depth_back_off_mm: f64,
-    /// Depth at the largest feed, mm: below it the set load is not reached any more.
+    /// Depth at the largest feed, mm: shallower cuts do not reach the set load.
     pub depth_full_feed_mm: f64,
-    /// What cuts cost beside time, for the number of parts; nothing where least time is wanted.
+    /// Cost of wear beside that of time, for the number of parts; zero for the least time.
     pub wear: Wear,
 }
 
-/// How errors name the numbers of an input.
+/// Name of the set load in errors.
 pub(crate) const SET_LOAD: &str = "the set load";
 pub(crate) const PERMITTED_LOAD: &str = "the permitted load";
 pub(crate) const SMALLEST_FEED: &str = "the smallest feed";
 
-/// Why there is no regime.
+/// Why there is no valid regime.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum RegimeError {
-    /// The law is none.
+    /// The law is invalid.
     #[error(
         "the force law needs a positive coefficient and exponents from 0.05 to 3, and has {coefficient}, \
          {depth_exponent} and {feed_exponent}"
@@ -95,14 +95,14 @@ pub enum RegimeError {
         /// Its exponent of the feed.
         feed_exponent: f64,
     },
-    /// A number that makes no sense.
+    /// A number out of range.
     #[error("{name} is {}; it must be a number above 0 and at most {most}", plain(*.value))]
     Number {
-        /// Which.
+        /// Name.
         name: &'static str,
         /// Its value.
         value: f64,
-        /// The largest that is taken.
+        /// Maximum.
         most: f64,
     },
     /// Feeds in the wrong order.
@@ -120,18 +120,18 @@ pub enum RegimeError {
          lower the smallest feed to {wanted_min:.4} mm/rev or choose the depth of least time"
     )]
     Narrow {
-        /// What equation (4) gives.
+        /// Feed by equation (4).
         feed_mm_rev: f64,
         /// Largest feed.
         max: f64,
-        /// Ratio that is needed: 2^(xz/yz).
+        /// Minimum ratio: 2^(xz/yz).
         least_ratio: f64,
-        /// Ratio that is there.
+        /// Actual ratio.
         ratio: f64,
-        /// Smallest feed that would do.
+        /// Largest minimum feed that satisfies the equation.
         wanted_min: f64,
     },
-    /// The feed chosen for backing off lies outside the limits.
+    /// The feed chosen for backing off is outside the limits.
     #[error("the feed after backing off, {feed_mm_rev} mm/rev, must lie above {min} and up to {max} mm/rev")]
     BackOffFeed {
         /// Chosen.
@@ -141,7 +141,7 @@ pub enum RegimeError {
         /// Largest.
         max: f64,
     },
-    /// The deepest cut at the smallest feed is the set load; the machine must bear it.
+    /// The deepest cut at the smallest feed gives the set load, which exceeds the permitted load.
     #[error("the set load {set_load} is above the permitted load {permitted_load}: lower it")]
     Overload {
         /// Set.
@@ -149,7 +149,7 @@ pub enum RegimeError {
         /// Permitted.
         permitted_load: f64,
     },
-    /// The cutting edge does not reach over the deepest cut.
+    /// The cutting edge is too short for the deepest cut.
     #[error(
         "the deepest cut, {depth_mm:.3} mm at the smallest feed, is longer than the edge can cut, \
          {reach_mm:.3} mm (length times the sine of the lead angle): raise the smallest feed above \
@@ -158,18 +158,18 @@ pub enum RegimeError {
     Edge {
         /// Deepest cut.
         depth_mm: f64,
-        /// What the edge can cut.
+        /// Maximum depth of the edge.
         reach_mm: f64,
-        /// Smallest feed at which the edge would do.
+        /// Minimum feed at which the edge is long enough.
         wanted_min: f64,
     },
 }
 
 impl Regime {
-    /// Works the figures out and checks every condition, the ones that the paper leaves out too.
+    /// Computes the values and checks every condition, including those that the paper omits.
     ///
     /// # Errors
-    /// What does not fit, with the numbers.
+    /// The condition that fails, with its numbers.
     pub fn new(input: &RegimeInput, tool: &Tool) -> Result<Self, RegimeError> {
         let law = input.law;
         if !law.is_sound() {
@@ -236,13 +236,14 @@ impl Regime {
         })
     }
 
-    /// The depth of equation (3) that is left after backing off from the deepest cut, mm: `t_min`.
+    /// Remaining depth of equation (3) after backing off from the deepest cut, mm: `t_min`.
     #[must_use]
     pub fn depth_left_mm(&self) -> f64 {
         self.depth_max_mm - self.depth_back_off_mm
     }
 
-    /// Passes for an allowance: equation (5) made whole. The last pass may take the deepest cut.
+    /// Number of passes for an allowance: equation (5), rounded to whole passes. The last pass may take the
+    /// deepest cut.
     #[must_use]
     pub fn passes(&self, allowance_mm: f64) -> u32 {
         if allowance_mm <= 0.0 {
@@ -267,11 +268,11 @@ impl Regime {
         }
     }
 
-    /// The number of equal passes that takes the least time, or with [`Regime::wear`] costs the least, when a
-    /// pass costs `overhead_rev` revolutions beside its `length_mm` of cut. Real-time safe.
+    /// Number of equal passes that takes the least time, or with [`Regime::wear`] costs the least. A pass
+    /// costs `overhead_rev` revolutions beside its `length_mm` of cut. Real-time safe.
     ///
-    /// At constant load the removal rate goes as `depth^(1 - xz/yz)`: with `xz > yz` shallow passes are
-    /// faster, until the largest feed is reached.
+    /// At constant load the removal rate is proportional to `depth^(1 - xz/yz)`: with `xz > yz` shallow
+    /// passes are faster, until the largest feed is reached.
     #[must_use]
     pub fn fastest_passes(&self, allowance_mm: f64, length_mm: f64, overhead_rev: f64) -> u32 {
         let least = (allowance_mm / self.depth_max_mm - 1e-9).ceil().max(1.0);
@@ -292,7 +293,7 @@ impl Regime {
     }
 }
 
-/// Equation (4), with the difference the right way round: `s_o = s_max s_min / (s_max^p - s_min^p)^(1/p)`,
+/// Equation (4) with the sign of the difference corrected: `s_o = s_max s_min / (s_max^p - s_min^p)^(1/p)`,
 /// `p = yz/xz`.
 fn balanced_feed(law: &CutLaw, low: f64, high: f64) -> Result<f64, RegimeError> {
     let p = 1.0 / law.exponent_ratio();
@@ -342,7 +343,7 @@ mod tests {
         assert!((regime.depth_max_mm - 5.014_290_533_615_231).abs() < 1e-9);
         assert!((regime.depth_back_off_mm - 3.054_731_007_986_509).abs() < 1e-9);
         assert!((regime.depth_left_mm() - 1.959_559_525_628_722_6).abs() < 1e-9);
-        // What is left after backing off takes exactly the largest feed: the meaning of (4).
+        // The remaining depth takes exactly the largest feed: the meaning of (4).
         assert!((regime.depth_left_mm() - regime.depth_full_feed_mm).abs() < 1e-9);
     }
 
@@ -381,7 +382,7 @@ mod tests {
                 };
                 for tenths in 5..100_u32 {
                     let height = 0.1 * f64::from(tenths);
-                    // Machine time and edges in money: 60 an hour, an edge of 5 that lasts so long.
+                    // Machine time and edges in money: 60 an hour, an edge of 5 with a tool life.
                     let (machine, edge) = (60.0 / 3600.0, 5.0);
                     let cost = |n: u32| {
                         let depth = height / f64::from(n);

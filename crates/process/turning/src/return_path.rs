@@ -1,24 +1,24 @@
-//! The way back between passes, and home.
+//! The return between passes, and to the start.
 
-/// Parts of the way back.
+/// Legs of the return.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Leg {
     Out,
     Back,
     In,
-    /// Everything is at size: across to the height that is to be gone back to, ...
+    /// All stock is at size: across to the height of the start, ...
     HomeAcross,
-    /// ... and along to the place.
+    /// ... and along to its position.
     HomeAlong,
 }
 
-/// The way back under way.
+/// The present return.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ReturnPath {
     pub(crate) leg: Leg,
     /// Height at which the tool goes back, mm.
     pub(crate) out_mm: f64,
-    /// Where the tool goes at the end, if not simply before the stock: mm along the cut, and height.
+    /// Final position, if not simply before the stock: mm along the cut, and height.
     pub(crate) home_mm: Option<(f64, f64)>,
 }
 

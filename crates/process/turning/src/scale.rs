@@ -1,10 +1,10 @@
-//! What a sensor shows of the cutting force: a force, a torque, a power or a current, and what it shows in
-//! air.
+//! The reading of a sensor as a function of the cutting force: a force, a torque, a power or a current, and
+//! its value in air.
 
 use evolvent_machine::LoadSample;
 
-/// From the cutting force to a sensor's reading and back: `reading = idle + per_n force`, with `per_n` in
-/// proportion to the diameter that is cut where the sensor is in the spindle's drive.
+/// Converts the cutting force to a sensor's reading and back: `reading = idle + per_n force`. For a sensor in
+/// the spindle's drive `per_n` is proportional to the diameter that is cut.
 ///
 /// ```
 /// use evolvent_turning::{Lever, LoadScale};
@@ -16,9 +16,9 @@ use evolvent_machine::LoadSample;
 pub struct LoadScale {
     /// Reading in air at the speed of the job, in the sensor's unit.
     pub idle: f64,
-    /// Reading for 1 N beyond the idle one; of 1 N at a diameter of 1 mm where there is a lever.
+    /// Reading per 1 N above the idle one; with a lever, per 1 N at a diameter of 1 mm.
     pub per_n: f64,
-    /// At which diameter the force acts.
+    /// Diameter at which the force acts.
     pub lever: Lever,
 }
 
@@ -27,16 +27,16 @@ pub struct LoadScale {
 pub enum Lever {
     /// None: a sensor at the tool shows the force at any diameter.
     None,
-    /// The diameter at the tip or farther out.
+    /// The diameter at the tip or farther outwards.
     Longitudinal {
         /// Diameter of the final size, mm.
         diameter_mm: f64,
     },
-    /// Towards the axis. The edge leads, so the force acts farther in than the tip.
+    /// Towards the axis. The edge leads, so the force acts nearer to the axis than the tip.
     Facing {
-        /// Diameter at which the tool comes in, mm.
+        /// Diameter at which the tool enters, mm.
         diameter_mm: f64,
-        /// How far the edge leads per mm of depth: the cotangent of the lead angle.
+        /// Lead of the edge per mm of depth: the cotangent of the lead angle.
         lead_per_depth: f64,
         /// The deepest cut that is taken, mm.
         depth_max_mm: f64,
@@ -44,8 +44,8 @@ pub enum Lever {
 }
 
 impl Lever {
-    /// Diameter at which the force acts for a tip at a place (along the cut and above the final size, mm) and
-    /// a depth, mm; 1 without a lever.
+    /// Diameter at which the force acts for a tip at a position (along the cut and above the final size, mm)
+    /// and a depth, mm; 1 without a lever.
     fn at_mm(&self, [along_mm, out_mm]: [f64; 2], depth_mm: f64) -> f64 {
         match *self {
             Self::None => 1.0,
@@ -61,7 +61,7 @@ impl Lever {
         }
     }
 
-    /// The smallest diameter at which a force may act, mm: of a depth that is not known.
+    /// Minimum diameter at which a force may act for an unknown depth, mm.
     fn least_mm(&self, place_mm: [f64; 2]) -> f64 {
         match *self {
             Self::Facing { depth_max_mm, .. } => self.at_mm(place_mm, depth_max_mm),
@@ -70,28 +70,27 @@ impl Lever {
     }
 }
 
-/// Fraction of the outer diameter to which facing may go by a sensor in the spindle's drive: farther in it
-/// shows so little of the force that its noise and idle reading hide it.
+/// Minimum fraction of the outer diameter for facing with a sensor in the spindle's drive. Nearer to the axis
+/// its noise and idle reading hide the force.
 pub(crate) const MIN_LEVER_FRACTION: f64 = 0.2;
 
 impl LoadScale {
-    /// A sensor that shows the force itself, in N.
+    /// A sensor of the force itself, in N.
     pub const FORCE: Self = Self {
         idle: 0.0,
         per_n: 1.0,
         lever: Lever::None,
     };
 
-    /// What the sensor shows of a force in N, in the middle of a cut `depth_mm` deep whose tip is at a place:
-    /// mm along the cut, and mm above the final size.
+    /// Reading for a force in N, in the middle of a cut `depth_mm` deep with the tip at a position: mm along
+    /// the cut, and mm above the final size.
     #[must_use]
     pub fn reading(&self, force_n: f64, place_mm: [f64; 2], depth_mm: f64) -> f64 {
         self.idle + self.per_n * self.lever.at_mm(place_mm, depth_mm) * force_n
     }
 
-    /// The force in N that a reading tells of, and the force at the end of the sensor's range. The depth is
-    /// not known, so the force is taken to act at the smallest diameter that it may act at: it is never
-    /// reckoned too small. Real-time safe.
+    /// The force in N of a reading, and the force at the end of the sensor's range. The depth is unknown, so
+    /// the smallest possible diameter is used: the force is never underestimated. Real-time safe.
     #[must_use]
     pub fn force(&self, sample: LoadSample, place_mm: [f64; 2]) -> LoadSample {
         let per_n = self.per_n * self.lever.least_mm(place_mm);
@@ -133,7 +132,7 @@ mod tests {
                     range_max: 1e6,
                 };
                 let force = scale.force(sample, [0.0, out]).value;
-                // By the depth too high at most.
+                // The unknown depth may only raise the force.
                 let most = 1500.0 * (1.0 + depth / 60.0) + 1e-9;
                 assert!(force >= 1500.0 - 1e-9 && force <= most, "{force} by {scale:?}");
             }

@@ -2,23 +2,23 @@
 
 use evolvent_machine::LoadSample;
 
-/// What a sensor is like.
+/// Properties of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorModel {
     /// Time constant of its first-order lag, s.
     pub lag_s: f64,
-    /// Standard deviation of its noise as a share of the reading.
+    /// Standard deviation of its noise as a fraction of the reading.
     pub noise: f64,
-    /// Highest value that it can show.
+    /// Maximum reading.
     pub range_max: f64,
     /// Seed of its noise.
     pub seed: u64,
 }
 
-/// How a sensor fails.
+/// Failure of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SensorFault {
-    /// The same reading for ever, with the same number.
+    /// The same reading forever, with the same sequence number.
     Stale,
     /// No reading at all.
     Lost,
@@ -47,7 +47,7 @@ impl SensorFault {
     ];
 }
 
-/// The sensor as it runs.
+/// The sensor in operation.
 #[derive(Clone, Copy, Debug)]
 pub struct Sensor {
     model: SensorModel,
@@ -77,7 +77,7 @@ impl Sensor {
         }
     }
 
-    /// One reading of the true load, or what a fault makes of it.
+    /// Returns one reading of the true load, or of a fault.
     pub fn read(&mut self, load: f64, fault: Option<SensorFault>) -> Option<LoadSample> {
         self.lagged += self.share * (load - self.lagged);
         let noise = self.model.noise * self.gauss();
@@ -105,7 +105,7 @@ impl Sensor {
         sample
     }
 
-    /// Normal enough: the sum of twelve uniform numbers.
+    /// Approximately normal: the sum of twelve uniform numbers.
     fn gauss(&mut self) -> f64 {
         let mut sum = -6.0;
         for _ in 0..12 {

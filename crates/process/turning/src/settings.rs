@@ -1,4 +1,4 @@
-//! What self-programmed turning is set up with, and what is refused.
+//! Settings of self-programmed turning, and their checks.
 
 use evolvent_config::plain;
 use evolvent_timing::ScalarLimits;
@@ -9,8 +9,7 @@ use crate::scale::LoadScale;
 use crate::tool::Tool;
 use crate::watch::LoadWatch;
 
-/// Passes beyond equation (5) that the safe strategy takes, for thin places and for parts that take less
-/// time.
+/// Passes of the safe strategy beyond equation (5), for thin positions and for parts that take less time.
 const SAFE_EXTRA: u32 = 2;
 
 /// How passes are chosen and protected against their own transients.
@@ -20,51 +19,51 @@ pub struct Strategy {
     pub entry_feed_mm_rev: f64,
     /// Feed after backing off, until the cut is known again, mm/rev.
     pub resume_feed_mm_rev: f64,
-    /// Shoulders that earlier passes have left are slowed down for.
+    /// Slow down for shoulders of earlier passes.
     pub preview: bool,
-    /// While the depth grows, reckon with this many revolutions of growth ahead.
+    /// Revolutions over which a growing depth is extrapolated.
     pub anticipation_rev: f64,
-    /// What to do where the set load is not reached at the largest feed.
+    /// Reaction where the largest feed does not reach the set load.
     pub on_thin: OnThin,
-    /// To which height a pass goes.
+    /// Height of a pass.
     pub depth: PassDepth,
 }
 
-/// What to do on a thin place.
+/// Reaction to a thin position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnThin {
-    /// End the pass; the next one starts at the first place that is not at size.
+    /// End the pass; the next one starts at the first position that is not at size.
     Return,
-    /// The same, this number of times in a job; then as [`OnThin::Continue`]. A pass that was ended can cost
-    /// one more where the stock behind rises again, one that goes on costs none.
+    /// As [`OnThin::Return`], this number of times in a job, then as [`OnThin::Continue`]. A pass that ended
+    /// early can cost a further pass if the stock rises again; a pass that goes on costs none.
     ReturnUpTo(u32),
-    /// The same, where what is left there costs no further pass.
+    /// As [`OnThin::Return`] if the stock left there costs no further pass.
     ReturnIfSaved,
     /// Go on at the largest feed, and take the rest in a later pass.
     Continue,
 }
 
-/// To which height a pass goes.
+/// Height of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PassDepth {
-    /// Always to the final size first; what is too deep is backed off from.
+    /// Always to the final size first; the tool backs off where that is too deep.
     Final,
-    /// The same, but what is known to be too deep is not tried.
+    /// The same, but a depth that is known to be too large is not tried.
     KnownFinal,
     /// In equal parts that take the least time, in at most `extra` passes beyond equation (5).
     Bounded {
-        /// Passes beyond equation (5), with those that were ended on thin places.
+        /// Passes beyond equation (5), including those that ended on thin positions.
         extra: u32,
     },
     /// In equal parts that take the least time, as far as the stock is known.
     LeastTime {
-        /// The face stands at place 0, so that the place where it is felt tells the height of the stock.
+        /// The face is at position 0, so that the position of its contact gives the height of the stock.
         face_is_known: bool,
     },
 }
 
 impl Strategy {
-    /// The paper taken literally.
+    /// The paper, literally.
     #[must_use]
     pub fn literal(regime: &Regime) -> Self {
         Self {
@@ -77,8 +76,8 @@ impl Strategy {
         }
     }
 
-    /// With what simulation has taught: enters with `s_o`, resumes with `s_min`, sees its own shoulders
-    /// coming.
+    /// With the results of simulations: enters with `s_o`, resumes with `s_min`, slows down for its own
+    /// shoulders.
     #[must_use]
     pub fn safe(regime: &Regime) -> Self {
         Self {
@@ -91,7 +90,7 @@ impl Strategy {
         }
     }
 
-    /// Safe, with depths that take the least time.
+    /// [`Strategy::safe`] with depths that take the least time.
     #[must_use]
     pub fn fast(regime: &Regime, face_is_known: bool) -> Self {
         Self {
@@ -105,7 +104,7 @@ impl Strategy {
     }
 }
 
-/// Everything that the controller needs.
+/// Settings of the controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurningSettings {
     /// Depths and feeds.
@@ -116,20 +115,20 @@ pub struct TurningSettings {
     pub strategy: Strategy,
     /// Speed of the spindle, rev/min.
     pub spindle_rpm: f64,
-    /// Length of the cut, mm: where the last pass ends.
+    /// Length of the cut, mm: end of the last pass.
     pub length_mm: f64,
-    /// How far stock may go on behind the end of the cut, mm: without end at a shoulder, 0 where it ends with
-    /// the cut.
+    /// Length of stock after the end of the cut, mm: infinite at a shoulder, 0 if the stock ends with the
+    /// cut.
     pub beyond_mm: f64,
-    /// A cone behind the cylinder, up to the end of the cut.
+    /// A cone after the cylinder, up to the end of the cut.
     pub cone: Option<Cone>,
-    /// The most that the stock can stand above the final size, mm: beyond it the tool moves freely.
+    /// Maximum height of the stock above the final size, mm: above it the tool moves freely.
     pub allowance_max_mm: f64,
     /// Clearance outwards, mm.
     pub clear_out_mm: f64,
     /// Clearance before the stock along the cut, mm.
     pub clear_along_mm: f64,
-    /// Load above which there is contact.
+    /// Load above which the tool is in contact.
     pub contact_load_n: f64,
     /// Load above which the tool is drawn out, ...
     pub overload_n: f64,
@@ -145,15 +144,15 @@ pub struct TurningSettings {
     pub slew_up_mm_rev_s: f64,
     /// Fastest fall of the feed, mm/rev per s.
     pub slew_down_mm_rev_s: f64,
-    /// Way over which a place must be thin before something is done about it, mm.
+    /// Distance over which a position must be thin before the strategy reacts, mm.
     pub thin_mm: f64,
-    /// Time for which a cut must be too deep before it is backed off from, s.
+    /// Time for which a cut must be too deep before the tool backs off, s.
     pub confirm_s: f64,
-    /// What may be left standing, mm.
+    /// Stock that may remain, mm.
     pub tolerance_mm: f64,
     /// Speed of moves out and in, mm/s.
     pub out_speed_mm_s: f64,
-    /// Speed of moves along where no stock is, mm/s.
+    /// Speed of moves along the cut where there is no stock, mm/s.
     pub rapid_mm_s: f64,
     /// Limits of the axis along the cut.
     pub along_limits: ScalarLimits,
@@ -163,19 +162,19 @@ pub struct TurningSettings {
     pub period_s: f64,
 }
 
-/// Why the settings are refused.
+/// Why the settings are rejected.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SettingsError {
-    /// A number outside what makes sense.
+    /// A number out of range.
     #[error("{name} is {}; it must lie from {least} to {most}", plain(*.value))]
     Number {
-        /// Which.
+        /// Name.
         name: &'static str,
         /// Its value.
         value: f64,
-        /// Lowest.
+        /// Minimum.
         least: f64,
-        /// Highest.
+        /// Maximum.
         most: f64,
     },
     /// A revolution has too few periods.
@@ -186,7 +185,7 @@ pub enum SettingsError {
     Turn {
         /// Spindle.
         spindle_rpm: f64,
-        /// Periods a revolution.
+        /// Periods per revolution.
         cycles: f64,
     },
     /// The largest feed is faster than the axis.
@@ -197,9 +196,9 @@ pub enum SettingsError {
     AxisSpeed {
         /// Spindle.
         spindle_rpm: f64,
-        /// Needed.
+        /// Required.
         needed_mm_s: f64,
-        /// There.
+        /// Limit of the axis.
         limit_mm_s: f64,
     },
     /// Feeds of the strategy outside the regime.
@@ -208,19 +207,19 @@ pub enum SettingsError {
         plain(*.value)
     )]
     StrategyFeed {
-        /// Which.
+        /// Name.
         name: &'static str,
         /// Its value.
         value: f64,
-        /// Smallest.
+        /// Minimum.
         least: f64,
-        /// Largest.
+        /// Maximum.
         most: f64,
     },
     /// The cone does not suit the edge.
     #[error(transparent)]
     Cone(#[from] ConeError),
-    /// Stock may stand higher than the edge.
+    /// The stock may be higher than the edge reaches.
     #[error(
         "the stock may stand {allowance_mm:.3} mm above the final size, and the edge reaches {reach_mm:.2} \
          mm: rough it down first, or take a longer edge"
@@ -231,7 +230,7 @@ pub enum SettingsError {
         /// Edge.
         reach_mm: f64,
     },
-    /// Without readings the feed could not be stopped within a revolution.
+    /// Without readings the feed cannot be stopped within a revolution.
     #[error(
         "at {spindle_rpm} rev/min a revolution takes {turn_s:.4} s, and to notice a dead sensor and stop \
          takes {stop_s:.4} s: read the sensor more often, allow for fewer missing readings, or turn slower"
@@ -241,10 +240,10 @@ pub enum SettingsError {
         spindle_rpm: f64,
         /// A revolution.
         turn_s: f64,
-        /// To notice and stop.
+        /// Time to notice and stop.
         stop_s: f64,
     },
-    /// Protection below what is normal.
+    /// The overload limit is not above the set load.
     #[error("the overload limit {overload_n} must lie above the set load {set_load}")]
     Overload {
         /// Limit.
@@ -255,7 +254,7 @@ pub enum SettingsError {
 }
 
 impl TurningSettings {
-    /// Settings with usual values for everything that need not be chosen.
+    /// Usual values. Only the arguments have to be chosen.
     #[must_use]
     pub fn usual(regime: Regime, tool: Tool, spindle_rpm: f64, length_mm: f64) -> Self {
         Self {
@@ -296,8 +295,8 @@ impl TurningSettings {
         }
     }
 
-    /// Where a pass at a height ends, mm along the cut. The edge leaves a wall along itself. All passes leave
-    /// the same one, or the last of them would meet what stands between their walls with its whole edge at
+    /// End of a pass at a height, mm along the cut. The edge leaves a wall along itself. All passes leave the
+    /// same wall; otherwise the last of them would meet the stock between their walls with its whole edge at
     /// once. Real-time safe.
     #[must_use]
     pub fn end_mm(&self, out_mm: f64) -> f64 {
@@ -305,7 +304,7 @@ impl TurningSettings {
         self.length_mm + (above_mm / self.tool.slope()).min(self.beyond_mm)
     }
 
-    /// How far behind the end of the cut the highest pass may go, mm.
+    /// Distance of the highest pass beyond the end of the cut, mm.
     #[must_use]
     pub fn shoulder_mm(&self) -> f64 {
         self.end_mm(self.allowance_max_mm) - self.length_mm
@@ -323,20 +322,20 @@ impl TurningSettings {
         60.0 / self.spindle_rpm
     }
 
-    /// How long the tool stays at the end of a cut, s: a revolution, so that the last of it is round.
+    /// Dwell at the end of a cut, s: one revolution, so that the end is round.
     #[must_use]
     pub fn dwell_s(&self) -> f64 {
         1.05 * self.turn_s()
     }
 
-    /// Speed of a feed, mm/s.
+    /// Axis speed at a feed, mm/s.
     #[must_use]
     pub fn speed_mm_s(&self, feed_mm_rev: f64) -> f64 {
         feed_mm_rev * self.spindle_rpm / 60.0
     }
 
-    /// How long the feed may go on at its smallest without readings that can be believed, so that it stands
-    /// within a revolution after the last good one, s; below 0 where that cannot be.
+    /// Time for which the feed may continue at its minimum without plausible readings, s, so that it stops
+    /// within a revolution after the last good one. Negative if that is impossible.
     #[must_use]
     pub fn blind_s(&self) -> f64 {
         let (limits, speed) = (&self.along_limits, self.speed_mm_s(self.regime.feed_max_mm_rev));
@@ -344,10 +343,10 @@ impl TurningSettings {
         0.95 * self.turn_s() - braking - LoadWatch::notice_s(self.sensor_stale_s, self.period_s)
     }
 
-    /// Checks everything.
+    /// Checks all settings.
     ///
     /// # Errors
-    /// The first setting that makes no sense, with the numbers.
+    /// The first setting that is invalid, with its numbers.
     pub fn check(&self) -> Result<(), SettingsError> {
         check_ranges(&self.process_numbers())?;
         self.check_cone()?;
@@ -416,7 +415,7 @@ impl TurningSettings {
         ]
     }
 
-    /// The cone lies in the cut, and the edge does not cut into it.
+    /// The cone is within the cut, and the edge does not cut into it.
     fn check_cone(&self) -> Result<(), SettingsError> {
         let Some(cone) = &self.cone else {
             return Ok(());
@@ -438,7 +437,7 @@ impl TurningSettings {
         ])
     }
 
-    /// What the spindle and the axis along the cut can do.
+    /// Limits of the spindle and of the axis along the cut.
     fn check_motion(&self) -> Result<(), SettingsError> {
         let cycles = self.turn_s() / self.period_s;
         if !(8.0..=2e6).contains(&cycles) {
@@ -477,7 +476,7 @@ impl TurningSettings {
         Ok(())
     }
 
-    /// Reach of the edge, and what protection needs.
+    /// Reach of the edge, and requirements of protection.
     fn check_protection(&self) -> Result<(), SettingsError> {
         let reach_mm = self.tool.reach_mm();
         if self.allowance_max_mm > reach_mm + 1e-9 {
@@ -503,7 +502,7 @@ impl TurningSettings {
     }
 }
 
-/// Name with unit, value, least and most.
+/// Name with unit, value, minimum and maximum.
 type Ranged = (&'static str, f64, f64, f64);
 
 /// Names of an axis's limits.
@@ -529,7 +528,7 @@ fn axis_numbers(limits: &ScalarLimits, [velocity, acceleration, jerk]: LimitName
 }
 
 /// # Errors
-/// The first number that is out of its range; a NaN is.
+/// The first number that is out of its range, or NaN.
 fn check_ranges(numbers: &[Ranged]) -> Result<(), SettingsError> {
     for &(name, value, least, most) in numbers {
         if !(least..=most).contains(&value) {

@@ -8,9 +8,9 @@ use crate::state::{Reason, Transition, TurningState};
 use crate::workpiece::{CutNow, Workpiece};
 use crate::{Blank, CutLaw};
 
-/// Times that a feed is lowered to keep a load.
+/// Maximum number of times that a feed is lowered to keep a load.
 const MAX_TRIES: u32 = 6;
-/// What a load may be above the set one, as a share: cells of the stock have a width.
+/// Permitted excess of a load over the set one, as a fraction: cells of the stock have a finite width.
 const PEAK_NOISE: f64 = 0.02;
 
 /// Figures of a simulated job.
@@ -18,13 +18,13 @@ const PEAK_NOISE: f64 = 0.02;
 pub struct Figures {
     /// Passes begun.
     pub passes: u32,
-    /// From the start to the tool's return, s.
+    /// From the start to the return of the tool, s.
     pub time_s: f64,
-    /// Of that at the feed without contact, s.
+    /// Time of it at the feed without contact, s.
     pub air_s: f64,
-    /// Of that moves back, s.
+    /// Time of it for return moves, s.
     pub return_s: f64,
-    /// Times that the tool backed off.
+    /// Number of times that the tool backed off.
     pub back_offs: u32,
     /// Largest true load.
     pub peak: f64,
@@ -32,7 +32,7 @@ pub struct Figures {
     pub over_120_s: f64,
     /// Longest unbroken time for which it was above 1.3 times, s.
     pub over_130_s: f64,
-    /// What is left standing, mm.
+    /// Maximum remaining stock, mm.
     pub residual_mm: f64,
     /// Deepest cut below the final size, mm.
     pub undercut_mm: f64,
@@ -51,20 +51,20 @@ pub struct Simulation {
     pub piece: Workpiece,
     /// The sensor.
     pub sensor: Sensor,
-    /// What is measured.
+    /// Measured figures.
     pub figures: Figures,
     set_load: f64,
     period_s: f64,
     above: f64,
-    /// What the sensor is to show.
+    /// Next load for the sensor.
     reading: f64,
 }
 
 impl Simulation {
-    /// A job on a blank under the true law, which need not be the one that the controller believes in.
+    /// A job on a blank under the true law, which may differ from the law of the controller.
     ///
     /// # Errors
-    /// Settings that are refused.
+    /// Invalid settings.
     pub fn new(
         settings: TurningSettings,
         blank: Blank,
@@ -85,7 +85,7 @@ impl Simulation {
         })
     }
 
-    /// One control period: the sensor reads the load of the last one, with a fault if asked for.
+    /// Advances by one control period: the sensor reads the load of the last one, or `fault`.
     pub fn step(&mut self, mut inputs: TurningInputs, fault: Option<SensorFault>) -> (TurningOutput, CutNow) {
         inputs.load = self.sensor.read(self.reading, fault);
         let output = self.controller.step(&inputs);
@@ -101,12 +101,12 @@ impl Simulation {
         (output, cut)
     }
 
-    /// Lets the sensor see another load than the true one at the next step: a jam, a broken insert.
+    /// Replaces the true load at the next reading, for a jam or a broken insert.
     pub fn jam(&mut self, load: f64) {
         self.reading = self.controller.settings().scale.reading(load, [0.0; 2], 0.0);
     }
 
-    /// Runs to the end, or for `most_s` seconds; `observe` sees everything.
+    /// Runs to the end, or for at most `most_s` seconds; calls `observe` in every period.
     pub fn run(
         &mut self,
         most_s: f64,
@@ -131,8 +131,8 @@ impl Simulation {
 }
 
 impl Figures {
-    /// Counts one period of a job that finds its passes. `above` is kept from call to call: the time for
-    /// which the load has been above 1.3 times the set one.
+    /// Counts one period of a load-adaptive job. `above` is kept between calls: the time for which the load
+    /// has been above 1.3 times the set one.
     pub fn see(
         &mut self,
         output: &TurningOutput,
@@ -162,7 +162,7 @@ impl Figures {
     }
 
     /// Counts one period of a job: its time and its loads. `above` is the time for which the load has been
-    /// above 1.3 times the set one by now.
+    /// above 1.3 times the set one.
     fn count(&mut self, cut: &CutNow, set_load: f64, period_s: f64, above: &mut f64) {
         self.time_s += period_s;
         self.peak = self.peak.max(cut.load);
@@ -179,7 +179,7 @@ impl Figures {
     }
 }
 
-/// The same workpiece turned by fixed passes.
+/// Turns the same workpiece in fixed passes.
 #[must_use]
 pub fn run_fixed(mut passes: FixedPasses, mut piece: Workpiece, set_load: f64) -> Figures {
     let (mut figures, mut above) = (Figures::default(), 0.0);
@@ -199,11 +199,11 @@ pub fn run_fixed(mut passes: FixedPasses, mut piece: Workpiece, set_load: f64) -
 }
 
 /// Fixed passes on a blank whose largest load is `set_load`, for a comparison at the same load: at
-/// `feed_mm_rev` and `depth_mm` where these keep it, else at a lower feed. They begin at the highest place of
-/// the stock, run-out and all. A hard spot or a run-out makes passes of the nominal depth and feed overload:
-/// these would only look faster.
+/// `feed_mm_rev` and `depth_mm` if these keep it, otherwise at a lower feed. They begin at the maximum height
+/// of the stock, including its run-out. With the nominal depth and feed, a hard spot or a run-out would
+/// overload the passes, and they would only seem faster.
 ///
-/// Where even the smallest feed gives more the passes are shallower as well.
+/// If even the smallest feed exceeds the load, the passes are also shallower.
 #[must_use]
 pub fn run_fixed_at_load(
     settings: &TurningSettings,

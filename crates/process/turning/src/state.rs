@@ -1,4 +1,4 @@
-//! States of self-programmed turning, and why they change.
+//! States of self-programmed turning, and the reasons of transitions.
 
 use crate::watch::SensorTrouble;
 
@@ -6,27 +6,27 @@ use crate::watch::SensorTrouble;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum TurningState {
-    /// Nothing has been asked for yet.
+    /// Before the first start.
     Idle = 0,
     /// Feeding towards stock that has not been felt yet.
     Approach = 1,
     /// In contact, with a depth that still grows along the lead angle.
     Engage = 2,
-    /// The axial feed stands, the tool moves out to a smaller depth.
+    /// The axial feed is stopped, and the tool moves out to a smaller depth.
     BackOff = 3,
-    /// Cutting at a fixed height, the feed following the load.
+    /// Cutting at a fixed height, at a feed that follows the load.
     Cut = 4,
-    /// The place is too thin for this height: going out and back, to come in again deeper.
+    /// The position is too thin for this height: going out and back, to enter deeper.
     ReEnter = 5,
-    /// Going back to the first place that is not at size.
+    /// Returning to the first position that is not at size.
     Return = 6,
-    /// Everything is at size; the tool is back at the start.
+    /// All stock is at size; the tool is back at the start.
     Done = 7,
-    /// Standing by the operator's wish.
+    /// Held by the operator.
     Held = 8,
-    /// The tool has been drawn out after a fault, or stands after one.
+    /// The tool has been drawn out after a fault, or has stopped after one.
     Fault = 9,
-    /// Going up the cone at the end of a pass, the feed following the load.
+    /// Climbing the cone at the end of a pass, at a feed that follows the load.
     Climb = 10,
 }
 
@@ -50,12 +50,12 @@ impl TurningState {
     }
 }
 
-/// Why a state was left, with the numbers that decided.
+/// Why a state was left, with the numbers of the decision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reason {
-    /// The start was asked for.
+    /// The start was requested.
     Started,
-    /// The tool stands where the pass begins.
+    /// The tool is at the start of the pass.
     InPlace,
     /// The load has risen above the threshold of contact.
     Contact {
@@ -67,24 +67,24 @@ pub enum Reason {
         /// Depth, mm.
         depth_mm: f64,
     },
-    /// The depth is more than the smallest feed can take, or than is worth taking at once.
+    /// The depth is more than the smallest feed can take, or more than should be taken at once.
     TooDeep {
         /// Depth, mm.
         depth_mm: f64,
         /// The limit, mm.
         limit_mm: f64,
     },
-    /// The height of the stock was worked out from where its face was felt.
+    /// The position of the contact with the face gave the height of the stock.
     FaceFelt {
         /// Height of the stock, mm.
         height_mm: f64,
     },
-    /// The tool has moved out as far as was wanted.
+    /// The tool has moved out to the intended height.
     AtDepth {
         /// Height of the tip, mm.
         out_mm: f64,
     },
-    /// The depth is too small for the largest feed, and there is more to be taken below.
+    /// The depth is too small for the largest feed, and there is more stock below.
     TooThin {
         /// Depth, mm.
         depth_mm: f64,
@@ -95,46 +95,46 @@ pub enum Reason {
     EndOfPass,
     /// The pass has met the cone.
     ConeReached,
-    /// Nothing stands above the final size.
+    /// There is no stock above the final size.
     AtSize,
     /// The operator's hold, or its end.
     Hold,
-    /// The sensor cannot be believed.
+    /// The readings of the sensor are implausible.
     Sensor(SensorTrouble),
-    /// The load was above the limit of protection for too long.
+    /// The load exceeded the overload limit for too long.
     Overload {
         /// Load.
         load: f64,
         /// Limit.
         limit: f64,
     },
-    /// The load went away inside known stock.
+    /// The load vanished inside known stock.
     BrokenInsert {
         /// Load before.
         before: f64,
-        /// Depth that should be cut, mm.
+        /// Expected depth, mm.
         depth_mm: f64,
     },
-    /// Stock stands higher than the cutting edge reaches.
+    /// The stock is higher than the cutting edge reaches.
     StockTooThick {
         /// Height felt, mm.
         height_mm: f64,
-        /// What the edge can cut, mm.
+        /// Maximum depth of the edge, mm.
         reach_mm: f64,
     },
-    /// The load went away within a pass and has not come back by the end of the job.
+    /// The load vanished within a pass and did not return by the end of the job.
     LoadStaysAway {
-        /// Where it was felt last, mm along the cut.
+        /// Position at which it was felt last, mm along the cut.
         along_mm: f64,
     },
     /// A whole pass at the final size without any load.
     NoStock,
-    /// More passes than make sense.
+    /// Too many passes.
     TooManyPasses,
 }
 
 impl Reason {
-    /// A sentence that tells what has happened, and what to do where that is the operator's.
+    /// A sentence for the operator: what happened, and what to do if anything can be done.
     #[must_use]
     pub fn text(&self) -> String {
         match *self {
@@ -198,7 +198,7 @@ impl Reason {
     }
 }
 
-/// One change of state. Copied out of the cycle; nothing is allocated for it.
+/// One change of state. The cycle copies it out without allocation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transition {
     /// Cycle in which it happened, from 0.
@@ -209,15 +209,15 @@ pub struct Transition {
     pub to: TurningState,
     /// Why.
     pub reason: Reason,
-    /// Place along the cut, mm.
+    /// Position along the cut, mm.
     pub along_mm: f64,
     /// Height of the tip above the final size, mm.
     pub out_mm: f64,
-    /// Load of the moment.
+    /// Present load.
     pub load: f64,
-    /// Feed of the moment, mm/rev.
+    /// Present feed, mm/rev.
     pub feed_mm_rev: f64,
-    /// Depth reckoned with, mm.
+    /// Depth that the feed is based on, mm.
     pub depth_mm: f64,
     /// Number of the pass, from 1.
     pub pass: u32,

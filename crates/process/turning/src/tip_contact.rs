@@ -1,40 +1,40 @@
-//! Whether the measured load comes from stock under the tip, or only from stock farther up the edge.
+//! Decides whether the measured load comes from stock under the tip, or only from stock farther up the edge.
 
-/// Change of the depth, as a fraction of it, that may be noise.
+/// Relative change of the depth that may be noise.
 const LEVEL: f64 = 0.2;
-/// Rise or fall of the stock that a level follows, as a fraction of the slope of the edge. At a wall square
-/// to the feed the depth changes with the slope itself.
+/// Rise or fall of the stock that still counts as level, as a fraction of the slope of the edge. At a wall
+/// square to the feed the depth changes with the slope itself.
 const TAPER: f64 = 0.25;
-/// What noise may make of a depth that is compared with the record.
+/// Factor of noise on a depth that is compared with the record.
 const NOISE: f64 = 1.15;
 
-/// Way by which contact may be felt late, mm.
+/// Distance by which contact may be felt late, mm.
 const LATE_MM: f64 = 0.5;
-/// What a hard spot adds to a depth, as a fraction.
+/// Relative increase of a depth in a hard spot.
 const HARD: f64 = 0.35;
 
 /// Decides from the load whether there is stock under the tip.
 ///
-/// The outer end of the edge leads. It cuts a ridge beyond a groove while the tip is still in the groove, and
-/// if the ridge is thinner than the edge reaches forward, the load is as steady as that of a cut over the
-/// whole depth. Stock where it was expected is not such a ridge, nor is any as high as the record says that
-/// it can be. Other stock may be one, after a gap or where the depth has changed: but the edge passes a
-/// ridge, and after a way of its overhang, and of the ridge's own width, the load has changed. A load that is
-/// steady for longer is that of stock under the tip.
+/// The outer end of the edge leads. It cuts a ridge after a groove while the tip is still in the groove. If
+/// the ridge is narrower than the overhang of the edge, its load is as steady as that of a cut over the whole
+/// depth. Stock that was expected is not such a ridge, and neither is stock as high as the record's maximum.
+/// Other stock may be a ridge, after a gap or where the depth has changed. But the edge passes a ridge:
+/// within a distance of its overhang plus the width of the ridge, the load changes. A load that is steady for
+/// longer belongs to stock under the tip.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TipContact {
     front: Front,
     level: Option<Level>,
 }
 
-/// Where stock is expected. Places of the tip in mm along the cut.
+/// Where stock is expected. Positions of the tip in mm along the cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Front {
     /// A face square to the feed, which the outer end of the edge meets first.
     Face(f64),
     /// A shoulder along the edge, all of which meets it at once.
     Shoulder(f64),
-    /// Somewhere.
+    /// At an unknown position.
     Unknown,
 }
 
@@ -42,28 +42,28 @@ pub(crate) enum Front {
 #[derive(Clone, Copy, Debug)]
 struct Level {
     depth_mm: f64,
-    /// Place of the tip when it was taken, mm along the cut.
+    /// Position of the tip when the depth was taken, mm along the cut.
     place_mm: f64,
-    /// Place of the tip at which the edge began to cut what makes this depth, mm.
+    /// Position of the tip at which the edge began to cut the stock of this depth, mm.
     from_mm: f64,
-    /// Where the tip has cut all round and was in stock, if it is: mm.
+    /// Position from which the tip has cut over a whole revolution in stock, if it has, mm.
     since_mm: f64,
-    /// Up to where it is in stock, mm along the cut: as long as the depth stays, or while it falls.
+    /// Position up to which the tip is in stock, mm along the cut, while the depth is constant or falls.
     stock_to_mm: f64,
 }
 
-/// A cycle of a cut, mm.
+/// One cycle of a cut, mm.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CutNow {
-    /// Place of the tip.
+    /// Position of the tip.
     pub(crate) place_mm: f64,
-    /// Where it has cut all round: its place a revolution ago.
+    /// Position up to which it has cut over a whole revolution: its position a revolution ago.
     pub(crate) swept_mm: f64,
-    /// Where the cut began to be felt.
+    /// Position at which the cut was first felt.
     pub(crate) contact_mm: f64,
     /// Mean depth of a revolution.
     pub(crate) depth_mm: f64,
-    /// The highest that may stand under the edge above the tip, by the record.
+    /// Maximum height of stock under the edge above the tip, by the record.
     pub(crate) bound_mm: f64,
 }
 
@@ -74,12 +74,12 @@ pub(crate) enum UnderTip {
     Unknown,
     /// Stock.
     Stock,
-    /// Stock, and so it was since the tip was at a place, mm along the cut.
+    /// Stock, since the tip was at a position, mm along the cut.
     StockSince(f64),
 }
 
 impl Front {
-    /// Whether a contact that has led to a depth, both in mm, was with the stock that is expected.
+    /// Whether a contact that led to a depth, both in mm, was with the expected stock.
     fn is_met(self, contact_mm: f64, depth_mm: f64, slope: f64) -> bool {
         match self {
             Self::Face(at) => contact_mm + (1.0 - HARD) * depth_mm / slope <= at + LATE_MM,
@@ -90,7 +90,7 @@ impl Front {
 }
 
 impl TipContact {
-    /// Nothing is cut, and stock is expected somewhere.
+    /// Nothing is cut, and stock is expected at an unknown position.
     pub(crate) const NONE: Self = Self {
         front: Front::Unknown,
         level: None,
@@ -101,12 +101,12 @@ impl TipContact {
         *self = Self::NONE;
     }
 
-    /// Where the next contact is expected.
+    /// Sets where the next contact is expected.
     pub(crate) fn set_front(&mut self, front: Front) {
         self.front = front;
     }
 
-    /// What is expected at a place, mm, where a cut that began at a contact with a depth is left.
+    /// The front that remains at a position, mm, of a cut that began at a contact and has a depth.
     pub(crate) fn front_left(
         &self,
         place_mm: f64,
@@ -149,8 +149,8 @@ impl TipContact {
         if cut.place_mm <= level.stock_to_mm {
             return UnderTip::Stock;
         }
-        // The first point of a ridge lies at most the overhang before the tip, and it is as wide as the depth
-        // tells.
+        // The first point of a ridge is at most the overhang before the tip, and its width follows from the
+        // depth.
         if cut.place_mm > level.from_mm + overhang_mm + level.depth_mm / slope {
             level.stock_to_mm = f64::INFINITY;
             return UnderTip::StockSince(level.since_mm);
@@ -164,12 +164,12 @@ impl TipContact {
 }
 
 impl Level {
-    /// The depth has changed by more than noise and a taper.
+    /// Handles a depth that has changed by more than noise and a taper.
     fn change(&mut self, cut: &CutNow, slope: f64) {
-        // The rest of a change counts as noise.
+        // The end of a change counts as noise.
         let rest_mm = LEVEL * cut.depth_mm / slope;
-        // The depth falls while the tip takes away more than comes in at the outer end. While it rises the
-        // tip may be in air.
+        // The depth falls while the tip removes more than enters at the outer end. While it rises, the tip
+        // may be in air.
         let falls = cut.depth_mm < self.depth_mm && cut.place_mm <= self.stock_to_mm;
         *self = Self {
             depth_mm: cut.depth_mm,
@@ -192,7 +192,7 @@ mod tests {
     const SLOPE: f64 = 1.75;
     const OVERHANG_MM: f64 = 6.0;
 
-    /// The depth of an edge with its tip at a place over stock from and to a place, of a height above it.
+    /// The depth of an edge with its tip at a position over sections of stock (from, to, height).
     fn depth_mm(stock: &[(f64, f64, f64)], place_mm: f64) -> f64 {
         let under = |&(from, to, height): &(f64, f64, f64)| {
             let lead = |at: f64| (at - place_mm).max(0.0) * SLOPE;
@@ -250,7 +250,7 @@ mod tests {
                     ridge.iter().all(|at| (10.0..=end).contains(at)),
                     "{width} {height}: {ridge:?}"
                 );
-                // A step down behind it.
+                // A step down after it.
                 let step = of(&[(10.0, end, height), (end, 99.0, 0.5 * SLOPE * width)]);
                 assert!(step.iter().all(|at| *at >= 10.0), "{width} {height}: {step:?}");
                 assert!(step.iter().any(|at| *at > end), "{width} {height}");
@@ -271,7 +271,7 @@ mod tests {
             let found = sure(&[(0.0, 99.0, height)], Front::Unknown);
             assert!(found[0] < 0.5 && found.len() > 300, "{height}: {found:?}");
         }
-        // As high as the record allows: at once.
+        // As high as the record permits: at once.
         let mut tip = TipContact::NONE;
         let cut = CutNow {
             place_mm: 1.0,

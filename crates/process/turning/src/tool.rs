@@ -1,7 +1,7 @@
-//! The cutting edge of a turning tool, seen in the plane of feed.
+//! The cutting edge of a turning tool in the plane of feed.
 
-/// A straight main cutting edge. From the tip it rises outwards and leads: a point of the edge `h` above the
-/// tip lies `h / tan(lead)` before it in the direction of feed.
+/// A straight main cutting edge. It rises outwards from the tip and leads: a point of the edge `h` above the
+/// tip is `h / tan(lead)` ahead of it in the direction of feed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tool {
     lead_deg: f64,
@@ -31,10 +31,10 @@ pub enum ToolError {
 }
 
 impl Tool {
-    /// An edge of a lead angle (between edge and feed, degrees) and a length in mm.
+    /// Creates an edge with a lead angle (between edge and feed, degrees) and a length in mm.
     ///
     /// # Errors
-    /// A lead angle of 90 degrees or more: the load would jump, and could not be felt growing.
+    /// A lead angle of 90 degrees or more: the load would jump instead of growing.
     pub fn new(lead_deg: f64, edge_mm: f64) -> Result<Self, ToolError> {
         if !(15.0..=89.0).contains(&lead_deg) {
             return Err(ToolError::Lead { lead_deg });
@@ -63,19 +63,19 @@ impl Tool {
         self.edge_mm
     }
 
-    /// Height that the edge gains per mm of lead: the tangent of the lead angle.
+    /// Rise of the edge per mm of lead: the tangent of the lead angle.
     #[must_use]
     pub fn slope(&self) -> f64 {
         self.slope
     }
 
-    /// Deepest cut that the edge can take, mm: its length times the sine of the lead angle.
+    /// Maximum depth of cut of the edge, mm: its length times the sine of the lead angle.
     #[must_use]
     pub fn reach_mm(&self) -> f64 {
         self.reach_mm
     }
 
-    /// How far the outer end of the edge lies before the tip, mm.
+    /// Distance of the outer end of the edge ahead of the tip, mm.
     #[must_use]
     pub fn overhang_mm(&self) -> f64 {
         self.reach_mm / self.slope

@@ -1,6 +1,6 @@
-//! Where the tool was over the last revolution.
+//! Positions of the tool over the last revolution.
 
-/// Places of the tip, one a cycle, for a revolution. Room is taken once.
+/// Positions of the tip, one per cycle, for a revolution. Memory is allocated once.
 #[derive(Clone, Debug)]
 pub(crate) struct Trail {
     places: Vec<(f64, f64)>,
@@ -28,12 +28,12 @@ impl Trail {
         self.places[(self.next + n - 1 - cycles % n) % n]
     }
 
-    /// Where the tip was one revolution ago.
+    /// Position of the tip one revolution ago.
     pub(crate) fn turn_ago(&self) -> (f64, f64) {
         self.ago(self.turn)
     }
 
-    /// How far the tool has advanced over the last revolution, mm.
+    /// Advance of the tool over the last revolution, mm.
     pub(crate) fn chip_mm(&self) -> f64 {
         self.ago(0).0 - self.ago(self.turn).0
     }

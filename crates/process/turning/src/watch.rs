@@ -1,4 +1,4 @@
-//! What the load says: depth of cut, peaks, contact, and whether the sensor can be believed.
+//! Evaluation of the load: depth of cut, peaks, contact, and whether the sensor is plausible.
 
 use evolvent_machine::LoadSample;
 
@@ -8,17 +8,17 @@ use crate::law::CutLaw;
 const BINS: usize = 32;
 /// Time constant over which readings are smoothed, s.
 pub(crate) const SMOOTHING_S: f64 = 0.004;
-/// Of these as many are taken together where growth is looked for: the load is noisy.
+/// Parts that are averaged to detect growth: the load is noisy.
 const GROWTH_BINS: usize = 4;
-/// What noise may make of the largest part of a revolution, as a share of the mean.
+/// Relative excess of the largest part of a revolution over the mean that may be noise.
 const ROUND: f64 = 0.04;
-/// The same of the latest reading.
+/// Fraction of the latest depth that the depth for the feed keeps at least, because of noise.
 const LATEST: f64 = 0.97;
-/// Shortest time after which a missing reading is trouble, s.
+/// Minimum time after which a missing reading is trouble, s.
 const MIN_STALE_S: f64 = 0.002;
-/// Readings below this share of the set load are as good as zero.
+/// Readings below this fraction of the set load count as zero.
 const QUIET: f64 = 1e-6;
-/// Number of equal readings in a row after which they count as no reading.
+/// Number of equal consecutive readings after which they count as no reading.
 const READINGS_FROZEN: u32 = 25;
 
 /// Why the load is not known.
@@ -28,15 +28,15 @@ pub enum SensorTrouble {
     Silent,
     /// Readings are not numbers.
     NotANumber,
-    /// Readings stand at the end of the sensor's range.
+    /// Readings stay at the end of the sensor's range.
     Saturated,
     /// Readings repeat to the last bit.
     Frozen,
-    /// Readings lie far below zero.
+    /// Readings are far below zero.
     Negative,
 }
 
-/// What is known of the load now.
+/// The load at present.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LoadView {
     /// Smoothed over milliseconds.
@@ -45,14 +45,13 @@ pub struct LoadView {
     pub mean: f64,
     /// Largest part of the last revolution.
     pub peak: f64,
-    /// Depth of cut of the moment, mm.
+    /// Present depth of cut, mm.
     pub depth_now_mm: f64,
     /// Mean depth over the last revolution, mm.
     pub depth_mean_mm: f64,
-    /// Depth to be reckoned with, mm: the mean where the cut is round, the deepest part of the revolution
-    /// where not.
+    /// Depth for the feed, mm: the mean if the cut is round, otherwise the deepest part of the revolution.
     pub depth_mm: f64,
-    /// By how much the depth has grown over a revolution, mm; 0 where noise may be all of it.
+    /// Growth of the depth over a revolution, mm; 0 where it may be noise.
     pub growth_mm: f64,
     /// What is wrong with the sensor.
     pub trouble: Option<SensorTrouble>,
@@ -77,16 +76,16 @@ pub struct LoadWatch {
     law: CutLaw,
     period_s: f64,
     stale_s: f64,
-    /// Share of smoothing and of the sensor's lag in a cycle.
+    /// Weight of smoothing and of the sensor's lag in a cycle.
     share: f64,
     lag_share: f64,
-    /// `chip^feed_exponent` as the sensor shows it, and smoothed as the load is.
+    /// `chip^feed_exponent` as the sensor shows it, and smoothed like the load.
     chip_shown: f64,
     chip_smooth: f64,
     least_chip: f64,
     now: f64,
     depth_now: f64,
-    /// Time since the last reading that can be believed.
+    /// Time since the last plausible reading.
     age_s: f64,
     revolution: Revolution,
     readings: Readings,
@@ -100,9 +99,9 @@ struct Revolution {
     bin: usize,
     loads: [f64; BINS],
     depths: [f64; BINS],
-    /// The same parts of the revolution before.
+    /// The same parts of the previous revolution.
     depths_before: [f64; BINS],
-    /// Load, depth and number of cycles of the present part.
+    /// Sums of load, depth and number of cycles of the present part.
     sums: (f64, f64, f64),
 }
 
@@ -139,11 +138,11 @@ impl Revolution {
         }
     }
 
-    /// The same part of the last revolution and of the one before, so that a cut that is not round does not
-    /// look like one that grows.
+    /// Compares each part with the same part of the previous revolution, so that an uneven cut does not look
+    /// like a growing one.
     fn growth(&self) -> f64 {
         let (mut latest, mut before) = (0.0, 0.0);
-        // The part of now is not whole yet.
+        // The present part is incomplete.
         for k in 1..=GROWTH_BINS {
             let part = (self.bin + BINS - k) % BINS;
             latest += self.depths[part];
@@ -159,12 +158,12 @@ impl Revolution {
     }
 }
 
-/// Decides which readings of the sensor can be believed.
+/// Decides which readings of the sensor are plausible.
 #[derive(Clone, Copy, Debug)]
 struct Readings {
     /// Lower values are not loads.
     lowest: f64,
-    /// A sensor may repeat values up to this one.
+    /// Equal readings up to this value are plausible.
     quiet: f64,
     last: Option<LoadSample>,
     repeats: u32,
@@ -172,7 +171,7 @@ struct Readings {
 }
 
 impl Readings {
-    /// The value of a reading that is new and can be believed.
+    /// The value of a new and plausible reading.
     fn believe(&mut self, sample: Option<LoadSample>) -> Option<f64> {
         let Some(sample) = sample else {
             self.trouble = SensorTrouble::Silent;
@@ -183,7 +182,7 @@ impl Readings {
                 self.trouble = SensorTrouble::Silent;
                 return None;
             }
-            // A quiet sensor may well show the same zero for ever.
+            // A quiet sensor may repeat the same zero indefinitely.
             let same = last.value == sample.value && sample.value > self.quiet;
             self.repeats = if same { self.repeats.saturating_add(1) } else { 0 };
         }
@@ -205,8 +204,8 @@ impl Readings {
 }
 
 impl LoadWatch {
-    /// For a spindle that turns once in `turn_s`, and a sensor of a time constant of `lag_s` whose readings
-    /// may be `stale_s` apart. Chips below `least_chip_mm` tell nothing.
+    /// Creates a watch for a spindle with a revolution of `turn_s`, and a sensor with a time constant of
+    /// `lag_s` whose readings may be `stale_s` apart. Chips below `least_chip_mm` give no depth.
     #[must_use]
     pub fn new(
         law: CutLaw,
@@ -244,16 +243,15 @@ impl LoadWatch {
         wanted_s.max(MIN_STALE_S).max(2.5 * period_s)
     }
 
-    /// The longest that it takes to notice that readings cannot be believed, s.
+    /// Maximum time to detect implausible readings, s.
     pub(crate) fn notice_s(stale_s: f64, period_s: f64) -> f64 {
         Self::stale_s(stale_s, period_s) + f64::from(READINGS_FROZEN + 2) * period_s
     }
 
-    /// Takes the newest reading, if any, at a chip of `chip_mm` a revolution that is cut now.
+    /// Takes the newest reading, if any, at the present chip of `chip_mm` per revolution.
     ///
-    /// The load of a depth is proportional to `chip^feed_exponent`, so what the sensor and the smoothing do
-    /// to the load is done to that as well, and their ratio is the depth whatever the feed has done
-    /// meanwhile.
+    /// The load of a depth is proportional to `chip^feed_exponent`. That power passes the same filters as the
+    /// load, sensor lag and smoothing, so their ratio gives the depth at any course of the feed.
     pub fn step(&mut self, sample: Option<LoadSample>, chip_mm: f64) -> LoadView {
         self.age_s += self.period_s;
         let chip = libm::pow(chip_mm.max(0.0), self.law.feed_exponent);
@@ -296,7 +294,7 @@ impl LoadWatch {
         }
     }
 
-    /// Forgets depths of before, after the tool has gone elsewhere.
+    /// Discards previous depths, after the tool has moved elsewhere.
     pub fn forget(&mut self) {
         self.revolution.forget_depths();
         self.depth_now = 0.0;

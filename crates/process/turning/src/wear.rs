@@ -1,10 +1,10 @@
-//! What a cut costs beside the machine's time: the edge that it wears.
+//! The cost of a cut beside the machine's time: wear of the edge.
 
-/// Cost of wear over the cost of machine time, by depth and feed: `ratio (s / s_ref)^a (t / t_ref)^b`.
+/// Cost of wear relative to the cost of machine time, by depth and feed: `ratio (s / s_ref)^a (t / t_ref)^b`.
 ///
-/// With the edge's price `E`, the machine's price `M` a second and a tool life of `T` seconds at the
-/// reference cut, the ratio is `E / (M T)`; the exponents are those of feed and depth in Taylor's tool life.
-/// A ratio of 0 leaves time alone.
+/// With the price `E` of the edge, the price `M` of a second of the machine and a tool life of `T` seconds at
+/// the reference cut, the ratio is `E / (M T)`; the exponents are those of feed and depth in Taylor's tool
+/// life. With a ratio of 0 only time counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wear {
     /// At the reference cut.
@@ -20,7 +20,7 @@ pub struct Wear {
 }
 
 impl Wear {
-    /// What a second of a cut costs, in seconds of machine time: 1 without wear. Real-time safe.
+    /// Cost of a second of a cut, in seconds of machine time: 1 without wear. Real-time safe.
     #[must_use]
     pub fn price(&self, depth_mm: f64, feed_mm_rev: f64) -> f64 {
         if self.ratio <= 0.0 {

@@ -1,10 +1,10 @@
 //! A simulated workpiece: a height field that a cutting edge removes, with a lag of one revolution.
 //!
-//! The field is what stands everywhere round the circumference. What the edge passes now is cut all round
-//! only when the spindle has turned once, so the field is lowered along the place where the tool was one
+//! The field is the remaining height all round the circumference. A position that the edge passes is cut all
+//! round only after a revolution. Therefore the field is lowered at the position where the tool was one
 //! revolution ago, and the chip is the area between the edge and the field. Engaged depth and chip thickness
-//! follow from it, for any motion of the tool: entry under a lead angle, shoulders parallel to the edge,
-//! stops, backing off.
+//! follow for any motion of the tool: entry under a lead angle, shoulders parallel to the edge, stops,
+//! backing off.
 
 use crate::blank::Blank;
 use crate::cone::Cone;
@@ -14,21 +14,21 @@ use crate::tool::Tool;
 
 /// Width of a cell of the field, mm.
 const CELL_MM: f64 = 0.05;
-/// Overlap below which nothing is cut, mm: rounding.
+/// Overlap below which nothing is cut, mm: rounding errors.
 const OVERLAP_MM: f64 = 1e-9;
-/// By how much stock may stand above the end of the edge, mm: cells have a width.
+/// Height of stock above the end of the edge that is tolerated, mm: cells have a finite width.
 const HOLDER_MM: f64 = 0.2;
 
-/// What the tool cuts at one instant.
+/// The cut at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CutNow {
     /// The true load.
     pub load: f64,
-    /// Depth over which the edge cuts, mm.
+    /// Engaged depth of the edge, mm.
     pub depth_mm: f64,
     /// Mean chip thickness in the direction of feed, mm/rev.
     pub chip_mm: f64,
-    /// Stock stands where the edge has ended: it hits the holder.
+    /// Stock is higher than the end of the edge: it hits the holder.
     pub hits_holder: bool,
 }
 
@@ -42,11 +42,11 @@ pub struct Workpiece {
     /// Height of the final contour at the end of the cut, mm.
     foot_mm: f64,
     cone: Option<Cone>,
-    /// Mean height of the blank, cell by cell.
+    /// Mean height of the blank in each cell.
     raw: Vec<f64>,
-    /// Lowest place of the edge over each cell, all round.
+    /// Minimum height of the edge over each cell for a whole revolution.
     cut: Vec<f64>,
-    /// Where the tool was, over the last revolution.
+    /// Positions of the tool over the last revolution.
     past: Vec<(f64, f64)>,
     next: usize,
     turn: f64,
@@ -80,12 +80,12 @@ impl Workpiece {
         }
     }
 
-    /// The blank of a cut. It goes on behind the end of the cut as far as the settings say, with the final
-    /// contour of [`Workpiece::residual_mm`] and [`Workpiece::undercut_mm`]: cylinder, cone, and the wall
-    /// that the edge leaves.
+    /// The blank of a cut. It extends after the end of the cut as far as the settings say.
+    /// [`Workpiece::residual_mm`] and [`Workpiece::undercut_mm`] refer to the final contour: cylinder, cone,
+    /// and the wall that the edge leaves.
     #[must_use]
     pub fn of_cut(blank: Blank, settings: &TurningSettings, law: CutLaw, steps_per_turn: f64) -> Self {
-        // The edge goes no farther: the highest tip, and the edge before it.
+        // The highest tip and the edge ahead of it go no farther.
         let farthest_mm = settings.shoulder_mm() + 2.0 * settings.tool.overhang_mm();
         let whole_mm = settings.length_mm + settings.beyond_mm.min(farthest_mm);
         Self {
@@ -96,7 +96,7 @@ impl Workpiece {
         }
     }
 
-    /// The final contour over a cell, mm: behind the end of the cut the wall that the edge leaves.
+    /// The final contour over a cell, mm: after the end of the cut the wall that the edge leaves.
     fn contour_mm(&self, cell: usize) -> f64 {
         let place_mm = place(cell);
         let beyond_mm = place_mm - self.length_mm;
@@ -106,7 +106,7 @@ impl Workpiece {
         self.cone.map_or(0.0, |cone| cone.height_mm(place_mm))
     }
 
-    /// The tool's tip is now at a place along the cut and a height, both in mm.
+    /// Moves the tip to a position along the cut and a height, both in mm.
     pub fn step(&mut self, along_mm: f64, out_mm: f64) -> CutNow {
         let before = self.past[self.next];
         let following = self.past[(self.next + 1) % self.past.len()];
@@ -117,7 +117,7 @@ impl Workpiece {
         self.chip(along_mm, out_mm, before.0)
     }
 
-    /// Lowers the field along a short way of the tip.
+    /// Lowers the field along a short distance of the tip.
     fn sweep(&mut self, from: (f64, f64), to: (f64, f64)) {
         if from.0 < -1e5 {
             return;
@@ -162,7 +162,7 @@ impl Workpiece {
         if area <= 0.0 {
             return CutNow::default();
         }
-        // In the first instants of a cut less than a cell is engaged.
+        // At the start of a cut less than a cell is engaged.
         let depth = f64::max(depth, CELL_MM * self.tool.slope());
         let chip = area / depth;
         CutNow {
@@ -177,14 +177,14 @@ impl Workpiece {
         ((u / CELL_MM).round().max(0.0) as usize).min(self.raw.len())
     }
 
-    /// What still stands at a place, mean over the circumference, mm.
+    /// Mean remaining height at a position over the circumference, mm.
     #[must_use]
     pub fn height_mm(&self, along_mm: f64) -> f64 {
         let i = ((along_mm / CELL_MM) as usize).min(self.raw.len() - 1);
         self.raw[i].min(self.cut[i])
     }
 
-    /// The most that still stands anywhere, mm.
+    /// Maximum remaining stock, mm.
     #[must_use]
     pub fn residual_mm(&self) -> f64 {
         self.raw
@@ -195,7 +195,7 @@ impl Workpiece {
             .fold(0.0, f64::max)
     }
 
-    /// The deepest that the tool has gone below the final size, mm.
+    /// Maximum depth of the tool below the final size, mm.
     #[must_use]
     pub fn undercut_mm(&self) -> f64 {
         self.cut.iter().enumerate().fold(0.0, |most, (cell, cut)| {
@@ -210,7 +210,7 @@ impl Workpiece {
     }
 }
 
-/// The middle of a cell.
+/// Centre of a cell.
 fn place(cell: usize) -> f64 {
     (cell as f64 + 0.5) * CELL_MM
 }

@@ -1,4 +1,4 @@
-//! Adaptive feed on the simulated process: fast and slow sensors, sensors that only come late, noise.
+//! Adaptive feed on the simulated process: fast and slow sensors, delayed sensors, noise.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test may fail")]
 
 use std::collections::VecDeque;
@@ -35,13 +35,13 @@ struct Seen {
     peak: f64,
     /// Longest time above 1.3, s.
     over_130_s: f64,
-    /// Least, largest and mean of the last 30 mm, where the cut is even or almost so.
+    /// Minimum, maximum and mean of the last 30 mm, where the cut is even or nearly so.
     least: f64,
     most: f64,
     mean: f64,
 }
 
-/// A moment of a pass.
+/// One cycle of a pass.
 #[derive(Clone, Copy, Debug)]
 struct Moment {
     place: f64,
@@ -49,8 +49,8 @@ struct Moment {
     factor: f64,
 }
 
-/// A pass at the final size over a stock of 120 mm, up to 117: with the feed that is programmed, or held by
-/// the load.
+/// A pass at the final size over a stock of 120 mm, up to 117: at the programmed feed, or at a feed adapted
+/// to the load.
 fn drive(
     blank: Blank,
     adaptive: Option<AdaptiveSettings>,
@@ -91,7 +91,7 @@ fn drive(
     panic!("it does not end: {now:?}");
 }
 
-/// What the load came to.
+/// Loads of a pass.
 fn pass(blank: Blank, settings: AdaptiveSettings, sensor: (f64, f64), noise: f64) -> Seen {
     let (mut above, mut sum, mut count) = (0.0, 0.0, 0.0);
     let mut seen = Seen {
@@ -151,12 +151,12 @@ fn the_load_is_held_with_slow_and_noisy_sensors() {
             for (name, blank) in blanks() {
                 let seen = pass(blank, settings(lag_s + dead_s), (lag_s, dead_s), noise);
                 let what = format!("{name}, lag {lag_s}, late by {dead_s}, noise {noise}: {seen:?}");
-                // The feed must not hunt: a sensor that lags shows the load of the feed of before. Noise that
-                // looks like growth makes it lower, the more the farther ahead it has to look.
+                // The feed must not oscillate: a sensor that lags shows the load at an earlier feed. Noise
+                // that looks like growth lowers the feed, more so with a longer extrapolation.
                 let dips = noise * (1.0 + (lag_s + dead_s) / TURN_S);
                 assert!(seen.least > 0.97 - dips && seen.most < 1.02 + noise, "{what}");
                 assert!((seen.mean - 1.0).abs() < 0.01 + 0.5 * noise, "{what}");
-                // What steps up is seen late by a sensor that is slow against a revolution.
+                // A sensor that is slow relative to a revolution shows a step of the stock late.
                 let most = if lag_s + dead_s > 0.25 * TURN_S {
                     TURN_S
                 } else {
@@ -202,7 +202,7 @@ fn factors_stay_within_their_limits_and_slew_rates() {
         assert!((-100.0 - 1e-9..=2.0 + 1e-9).contains(&change), "{change} per s");
         assert!((0.2..=1.5).contains(&now.factor));
         before = Some(now.factor);
-        // In the groove nothing is cut.
+        // Nothing is cut in the groove.
         idle |= now.place > 40.0 && now.place < 48.0 && now.factor == 1.5;
     });
     assert!(idle);

@@ -1,5 +1,5 @@
-//! Files of adaptive feed: what ships is read, what is wrong is refused with its place, and the schema is
-//! that of the code.
+//! Files of adaptive feed: shipped files are read, errors are reported with their position, and the shipped
+//! schema matches the code.
 #![allow(clippy::unwrap_used, reason = "a test may fail")]
 
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};
@@ -7,7 +7,7 @@ use evolvent_turning::{AdaptiveSettings, adaptive_schema};
 
 const FILE: &str = "processes/adaptive-steel.toml";
 
-/// To write the file anew: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-turning schema`.
+/// To regenerate the file: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-turning schema`.
 #[test]
 fn the_shipped_schema_is_that_of_the_code() {
     assert_schema("adaptive.schema.json", &adaptive_schema(), "evolvent-turning");
@@ -55,7 +55,7 @@ fn bad_files_are_refused_with_line_column_and_key() {
             edit("feed_exponent = 0.75", "feed_exponent = 4", "feed_exponent"),
             edit("factor_min = 0.3", "factor_min = 0.0", "factor_min"),
             edit("factor_max = 1.5", "factor_max = nan", "factor_max"),
-            // What it must lie above stands in another key.
+            // Its minimum is given by another key.
             edit(
                 "factor_entry = 0.8",
                 "factor_entry = 0.2",
@@ -116,7 +116,7 @@ fn bad_files_are_refused_with_line_column_and_key() {
         error.starts_with(missing) && error.contains("stale_ms"),
         "{error}"
     );
-    // The control period is the machine's.
+    // The control period comes from the machine.
     let error = AdaptiveSettings::parse(&shipped(FILE), "bad.toml", 0.1)
         .unwrap_err()
         .to_string();

@@ -1,4 +1,4 @@
-//! The controller allocates nothing once it is set up: counted, not believed.
+//! The controller does not allocate after set-up: allocations are counted.
 
 use evolvent_counting::calls;
 use evolvent_turning::{Sensor, TurningController, TurningInputs, TurningState, Workpiece};

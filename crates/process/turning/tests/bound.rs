@@ -1,5 +1,5 @@
-//! What no controller can beat: the least time for stock that is known exactly, by dynamic programming, and
-//! how near the strategies come that have to feel it.
+//! A lower bound of the time for exactly known stock, by dynamic programming, and how near the strategies
+//! come that have to feel the stock.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -19,8 +19,8 @@ const HEIGHT_MM: f64 = 0.1;
 const PLACES: usize = 400;
 const MAX_PASSES: usize = 12;
 
-/// `least[m][k]`: the least time for a mm of way, s, that removes `k` steps of height in `m` cuts of the set
-/// load at most, with the way back in rapid.
+/// `least[m][k]`: the minimum time per mm of path, s, to remove `k` steps of height in at most `m` cuts at
+/// the set load, including the return in rapid.
 fn removal(hardness: f64, steps: usize, settings: &TurningSettings) -> Vec<Vec<f64>> {
     let law = law();
     let cut = |k: usize| {
@@ -43,7 +43,7 @@ fn removal(hardness: f64, steps: usize, settings: &TurningSettings) -> Vec<Vec<f
     least
 }
 
-/// The same where gaps have to be fed across at every height, because only the tool's own passes tell of
+/// The same if gaps have to be crossed at a feed at every height, because only the tool's own passes reveal
 /// them.
 fn blind_bound_s(blank: &Blank, settings: &TurningSettings) -> f64 {
     let filled = Blank {
@@ -53,9 +53,9 @@ fn blind_bound_s(blank: &Blank, settings: &TurningSettings) -> f64 {
     bound_s(&filled, settings).0
 }
 
-/// The least time of any job on a blank: in at most `n` passes, each place in as few of them as is best
-/// there. A pass costs its moves out and in, and a revolution at its end. Shoulders, run-ups and ramps cost
-/// nothing here, so no job is as fast.
+/// Minimum time of any job on a blank: in at most `n` passes, each position in the best number of them. A
+/// pass costs its moves out and in, and a revolution at its end. Shoulders, run-ups and ramps cost nothing
+/// here, so every job takes longer.
 fn bound_s(blank: &Blank, settings: &TurningSettings) -> (f64, usize) {
     let length = settings.length_mm;
     let overhead = TURN_S + 2.0 * settings.clear_out_mm / settings.out_speed_mm_s;
@@ -128,12 +128,12 @@ fn no_strategy_beats_the_bound_and_safe_comes_near() {
             100.0 * (1.0 - bound / same.time_s)
         );
         println!("    gaps not known: {:.1} s", blind_bound_s(&blank, &safe()));
-        // What the strategies gain by loads above the set one is below this.
+        // The strategies gain less than this by loads above the set one.
         assert!(
             safe_job.time_s > 0.97 * bound && fast_job.time_s > 0.97 * bound,
             "{name}"
         );
-        // Without knowing the stock: a taper shows its height only at the end of the first pass.
+        // If the stock is unknown, a taper shows its height only at the end of the first pass.
         let above = safe_job.time_s / blind_bound_s(&blank, &safe());
         let most = if name.starts_with("taper") { 1.18 } else { 1.165 };
         assert!(above < most, "{name}: {above}");

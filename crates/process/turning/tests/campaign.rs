@@ -1,5 +1,5 @@
-//! Self-programmed turning of the reference stocks and of random ones, against the figures published with the
-//! cases.
+//! Self-programmed turning of the reference stocks and of random ones, compared with the published figures of
+//! the cases.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -41,7 +41,7 @@ fn fixed(blank: &Blank, depth: f64, feed: f64) -> Figures {
     )
 }
 
-/// G82 at the depth and feed of equation (4), as published: whatever load that makes.
+/// G82 at the depth and feed of equation (4), as published, at any resulting load.
 fn nominal(blank: &Blank) -> Figures {
     let regime = regime(BackOff::Balanced);
     fixed(blank, regime.depth_back_off_mm, regime.feed_back_off_mm_rev)
@@ -56,13 +56,13 @@ fn at_load(blank: &Blank, depth: f64, feed: f64) -> Figures {
     figures
 }
 
-/// G82 at the same load: no more than the set one anywhere.
+/// G82 at the same load: the set load is not exceeded anywhere.
 fn same_load(blank: &Blank) -> Figures {
     let regime = regime(BackOff::Balanced);
     at_load(blank, regime.depth_back_off_mm, regime.feed_back_off_mm_rev)
 }
 
-/// The same in equal passes, in the number that takes the least time.
+/// The same in the number of equal passes that takes the least time.
 fn known_at_load(blank: &Blank) -> Figures {
     let regime = regime(BackOff::Balanced);
     let height = blank.highest_mm(200.0) + blank.runout_mm;
@@ -74,7 +74,7 @@ fn known_at_load(blank: &Blank) -> Figures {
         .unwrap()
 }
 
-/// G82 for stock that is known exactly: equal passes in the number that takes the least time.
+/// G82 for exactly known stock: the number of equal passes that takes the least time.
 fn known(blank: &Blank) -> Figures {
     let regime = regime(BackOff::Balanced);
     let height = blank.highest_mm(200.0);
@@ -88,7 +88,7 @@ fn known(blank: &Blank) -> Figures {
 
 #[test]
 fn fixed_passes_take_the_published_times() {
-    // (same load, stock known, 70 % feed), s.
+    // (same load, known stock, 70 % feed), s.
     let published = [
         (200.7031, 156.9001, 283.1731),
         (267.6041, 196.1252, 377.5641),
@@ -117,7 +117,7 @@ fn fixed_passes_take_the_published_times() {
 
 #[test]
 fn the_literal_strategy_matches_the_paper() {
-    // Time in s and peak over the set load.
+    // Time in s, and peak relative to the set load.
     let published = [
         (188.0854, 1.7126),
         (173.6573, 1.9756),
@@ -126,7 +126,7 @@ fn the_literal_strategy_matches_the_paper() {
     ];
     for ((name, blank), (time, peak)) in stocks().into_iter().zip(published) {
         let figures = turn(literal(), &blank, 0);
-        // The published simulation switches feeds within 15 ms and knows no acceleration.
+        // The published simulation changes feeds within 15 ms and ignores acceleration.
         assert!(
             (figures.time_s / time - 1.0).abs() < 0.07,
             "{name}: {} for {time}",
@@ -190,7 +190,7 @@ fn humped_stock_takes_at_most_two_more_passes() {
             "{low}, {high}, ideal {ideal}: {figures:?}"
         );
         assert!(figures.over_130_s <= TURN_S, "{low}, {high}: {figures:?}");
-        // Going back on every thin place is what costs more.
+        // Returning at every thin position costs more passes.
         assert!(turn(endless, &blank, 1).passes > ideal + 2);
     }
 }
@@ -219,7 +219,7 @@ fn a_slow_sensor_keeps_the_bounds_of_the_fast_one() {
     }
 }
 
-/// What a strategy made of many stocks.
+/// Results of a strategy over many stocks.
 #[derive(Clone, Debug, Default)]
 struct Tally {
     name: &'static str,
@@ -227,18 +227,17 @@ struct Tally {
     peak: f64,
     over_130_s: f64,
     residual_mm: f64,
-    /// Passes beyond equation (5): the most, and at how many stocks more than 2.
+    /// Passes beyond equation (5): the maximum, and the number of stocks with more than 2.
     extra_passes: i64,
     beyond_two: u32,
     time_s: f64,
-    /// Of the time of G82 at the same load: the least, and the sum over the stocks.
+    /// Saving relative to the time of G82 at the same load: the minimum, and the sum over the stocks.
     least_saved: f64,
     saved: f64,
     slower_than_known: u32,
 }
 
-/// Turns many stocks by several strategies. What holds for every strategy but the literal one is checked
-/// here.
+/// Turns many stocks by several strategies and checks what holds for every strategy except the literal one.
 fn campaign(
     seed: u64,
     usual: usize,
@@ -384,7 +383,8 @@ fn the_same_inputs_give_the_same_bits() {
 
 #[test]
 fn fixed_passes_at_a_load_keep_it_on_any_stock() {
-    // At the depth and feed of equation (4) these would peak at 1.35 and above 1.2 of the set load.
+    // At the depth and feed of equation (4), these would peak at 1.35 times the set load and exceed 1.2
+    // times.
     let eccentric = Blank {
         runout_mm: 0.8,
         ..Blank::uniform(4.0)
@@ -395,7 +395,7 @@ fn fixed_passes_at_a_load_keep_it_on_any_stock() {
     };
     for blank in [eccentric, hard] {
         assert!(nominal(&blank).peak > 1.2 * SET, "{blank:?}");
-        // A load of at most 1.02 of the set one is asserted within.
+        // The call asserts a load of at most 1.02 times the set one.
         let _kept = same_load(&blank);
         let _kept = known_at_load(&blank);
     }
@@ -406,8 +406,8 @@ fn fixed_passes_at_a_load_keep_it_on_any_stock() {
 
 #[test]
 fn the_safe_strategy_saves_one_sixth_on_every_stock() {
-    // Published: 5, 32, 16 and 11 %; before parts of least time 7, 38, 16 and 17 %; before gaps were crossed
-    // at the largest feed the gap 17 %.
+    // Published: 5, 32, 16 and 11 %. Before least-time parts: 7, 38, 16 and 17 %. Before gaps were crossed at
+    // the largest feed: 17 % for the gap.
     for ((name, blank), least) in stocks().into_iter().zip([0.20, 0.36, 0.205, 0.44]) {
         let figures = turn(safe(), &blank, 0);
         let saved = 1.0 - figures.time_s / same_load(&blank).time_s;

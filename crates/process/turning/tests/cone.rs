@@ -1,4 +1,4 @@
-//! Passes that end on a cone: whatever the stock, the cone is at size in the end and never cut into.
+//! Passes that end on a cone: for any stock, the cone is at size in the end and is never undercut.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -14,8 +14,8 @@ use crate::common::{
     Limits, Part, Random, SET, cases, fast, law, literal, random_rough_stock, random_stock, safe, sensor,
 };
 
-/// Turns it and checks all but the load: figures, largest load on the cone, and how often it was climbed.
-/// None where the stock alone, without a cone, ends in a fault as well.
+/// Turns the blank and checks all but the load. Returns the figures, the largest load on the cone, and the
+/// number of climbs; `None` if the stock ends in a fault without a cone as well.
 fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Option<(Figures, f64, usize)> {
     let cone = settings.cone.unwrap();
     let mut limits = Limits::new(&settings);
@@ -195,7 +195,7 @@ fn a_load_that_dies_on_the_cone_is_a_fault() {
         let blank = Blank::uniform(4.0 + 4.0 * random.unit());
         let mut simulation = Simulation::new(settings, blank, law(), sensor(case as u64)).unwrap();
         let (mut cut_s, mut dead, mut fault_at) = (0.0, None, None);
-        // In a third of them with the first cycle of the climb: nothing was felt on the cone yet.
+        // In a third of the cases from the first cycle of the climb: nothing has been felt on the cone yet.
         let wait = match random.unit() {
             x if x < 0.33 => 0.0,
             x => 0.3 + x,
@@ -204,7 +204,7 @@ fn a_load_that_dies_on_the_cone_is_a_fault() {
         for _ in 0..2_000_000 {
             let fault = dead.map(|_| SensorFault::Zero);
             let (output, cut) = simulation.step(TurningInputs::default(), fault);
-            // What stands before the tip, also while no chip has formed.
+            // Stock before the tip, even while no chip has formed.
             let depth_here = simulation.piece.height_mm(output.along.position + 1.0) - output.out.position;
             if output.state == TurningState::Climb {
                 cut_s += settings.period_s;
@@ -288,7 +288,7 @@ fn a_jam_on_the_cone_retracts_and_can_continue() {
         {
             assert!(output.along.position <= along + 0.5, "{output:?}");
             drawn_mm = drawn_mm.max(output.out.position - out);
-            // Let go once, then pressed again.
+            // Released once, then pressed again.
             start = !(simulation.controller.is_over() && start);
         } else {
             start = true;

@@ -1,4 +1,4 @@
-//! A load that goes away while stock stands: a broken insert, or a sensor that reads zero.
+//! A load that vanishes while there is stock: a broken insert, or a sensor that reads zero.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -14,9 +14,8 @@ use crate::common::{
 };
 use crate::protection::{RUN, run_for, run_out, simulation};
 
-/// Runs on with a load of zero for ever. Returns the reason of the fault, the longest time for which the tool
-/// was fed into stock before it without being drawn back, in revolutions, and whether the job was called
-/// done.
+/// Runs on with a load of zero. Returns the reason of the fault, the longest time in revolutions for which
+/// the tool was fed into stock without being drawn back, and whether the job ended as done.
 fn lose_load(mut sim: Simulation, mut limits: Limits) -> (Option<Reason>, f64, bool) {
     let turn_s = sim.controller.settings().turn_s();
     let (mut reason, mut turns, mut most) = (None, 0.0, 0.0_f64);
@@ -25,7 +24,7 @@ fn lose_load(mut sim: Simulation, mut limits: Limits) -> (Option<Reason>, f64, b
         limits.see(&output);
         let cuts = cut.depth_mm > 0.5 && output.along.velocity > 0.0 && reason.is_none();
         turns += f64::from(u8::from(cuts)) * PERIOD_S / turn_s;
-        // The tool has been drawn back; it is counted anew from where it comes in again.
+        // The tool has been drawn back; counting restarts when it enters again.
         if matches!(output.state, TurningState::Return | TurningState::ReEnter) {
             turns = 0.0;
         }
@@ -58,7 +57,7 @@ fn a_load_that_goes_away_after_a_shoulder_is_a_fault() {
 
 #[test]
 fn a_load_lost_after_slots_is_not_done() {
-    // The mean of a revolution is far below the cut between the slots, so how high the shoulder is is not
+    // The mean of a revolution is far below the cut between the slots, so the height of the shoulder is not
     // sure.
     let blank = Blank {
         runout_mm: 0.3,
@@ -109,7 +108,7 @@ fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
                 continue;
             }
             let cutting = matches!(output.state, TurningState::Cut | TurningState::Engage);
-            // A depth that an edge does not leave within a revolution, and stock that goes on before it.
+            // A depth that an edge does not leave within a revolution, and stock that continues ahead.
             let ahead = sim.piece.height_mm((output.along.position + 8.0).min(199.9));
             if !cutting || depths.iter().any(|depth| *depth < 1.5) || ahead < output.out.position + 1.5 {
                 continue;
@@ -139,8 +138,8 @@ fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
 
 #[test]
 fn a_load_lost_just_before_a_cut_is_left_is_a_fault_in_a_turn() {
-    // A mean depth that falls with the load is no thin place, and a part of a revolution that exceeds it is
-    // no deeper cut.
+    // A mean depth that falls with the load is not a thin position, and a part of a revolution that exceeds
+    // it is not a deeper cut.
     let stocks = [
         (
             fast(),
@@ -224,7 +223,7 @@ fn no_job_is_done_without_load_while_stock_stands() {
         } else {
             random_rough_stock(&mut random)
         };
-        // In a gap a dead sensor looks like the gap.
+        // In a gap, a dead sensor is indistinguishable from the gap.
         blank.grooves_mm.clear();
         let mut sim = simulation(settings, blank.clone(), case as u64);
         let mut limits = Limits::new(&settings);
@@ -269,7 +268,7 @@ fn a_job_that_is_started_again_without_load_fails_again() {
             let (_, turns, done) = lose_load(sim.clone(), Limits::new(&settings));
             assert!(!done && turns < 6.0, "{reading}: {turns} revolutions");
         }
-        // With a sensor that works the job comes to size.
+        // With a working sensor the job reaches its size.
         sim.step(TurningInputs { start: false, ..RUN }, None);
         let reason = run_out(&mut sim, &mut Limits::new(&settings));
         assert_eq!(reason, Some(Reason::AtSize), "{reading}");
@@ -313,7 +312,7 @@ fn a_load_lost_between_passes_is_a_fault_on_short_stock_too() {
                             !done && matches!(reason, Some(Reason::BrokenInsert { .. })),
                             "{what}"
                         );
-                        // Counted from where the outer end of the edge comes into the stock, at a small feed.
+                        // Counted from where the outer end of the edge enters the stock, at a small feed.
                         assert!(turns < 6.0, "{what}");
                         told += 1;
                         most = most.max(turns);

@@ -15,6 +15,6 @@ mod sensors;
 mod shoulder;
 mod watch;
 
-// It counts by thread, so that tests beside each other do not count together.
+// It counts per thread, so that parallel tests do not affect each other.
 #[global_allocator]
 static ALLOCATOR: evolvent_counting::CountingAllocator = evolvent_counting::CountingAllocator;

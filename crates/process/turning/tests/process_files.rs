@@ -1,10 +1,10 @@
-//! Process files: what ships is read, what is wrong is refused with its place, and the schema is that of the
-//! code.
+//! Process files: shipped files are read, errors are reported with their position, and the shipped schema
+//! matches the code.
 
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};
 use evolvent_turning::{Job, process_schema};
 
-/// To write the file anew: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-turning schema`.
+/// To regenerate the file: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-turning schema`.
 #[test]
 fn the_shipped_schema_is_that_of_the_code() {
     assert_schema("process.schema.json", &process_schema(), "evolvent-turning");
@@ -41,12 +41,12 @@ fn bad_files_are_refused_with_line_column_and_key() {
                 "outline_mm = [[0.0, 10.0], [200.0, 5.0]]\nrunout_mm = 0.3",
                 "with its runout",
             ),
-            // What is no TOML is told where it ends to be so, ...
+            // Invalid TOML is reported where it ends to be TOML, ...
             Edit {
                 column: 15,
                 ..edit("set_n = 2200.0", "set_n = 2200.0.0", "")
             },
-            // ... and what is missing where its table begins.
+            // ... and a missing key where its table begins.
             Edit {
                 line: "[feed]",
                 ..edit("min_mm_rev = 0.2 ", "# ", "min_mm_rev")

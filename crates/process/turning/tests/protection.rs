@@ -1,4 +1,4 @@
-//! Everything that can go wrong has its reaction, at whatever moment it comes.
+//! Every fault has its reaction, whenever it occurs.
 #![allow(
     clippy::unwrap_used,
     clippy::panic,
@@ -26,7 +26,7 @@ pub(crate) fn simulation(settings: TurningSettings, blank: Blank, seed: u64) -> 
     Simulation::new(settings, blank, crate::common::law(), sensor(seed)).unwrap()
 }
 
-/// Runs for a time; tells whether the job still runs.
+/// Runs for a time; returns whether the job still runs.
 pub(crate) fn run_for(simulation: &mut Simulation, time_s: f64, limits: &mut Limits) -> bool {
     for _ in 0..(time_s / PERIOD_S) as u64 {
         let (output, _) = simulation.step(RUN, None);
@@ -38,7 +38,7 @@ pub(crate) fn run_for(simulation: &mut Simulation, time_s: f64, limits: &mut Lim
     true
 }
 
-/// Runs until the job ends; the reason of the last change.
+/// Runs until the job ends; returns the reason of the last transition.
 pub(crate) fn run_out(simulation: &mut Simulation, limits: &mut Limits) -> Option<Reason> {
     let mut last = None;
     for _ in 0..600_000 {
@@ -59,7 +59,7 @@ fn feeds(state: TurningState) -> bool {
     matches!(state, Approach | Engage | Cut | BackOff)
 }
 
-/// Settings of many kinds that are not refused.
+/// Random settings of many kinds that pass the checks.
 fn random_settings(random: &mut Random, case: usize) -> TurningSettings {
     let mut settings = [safe(), fast(), literal()][case % 3];
     settings.spindle_rpm = random.between(150.0, 550.0);
@@ -81,7 +81,7 @@ fn trouble_of(fault: SensorFault) -> SensorTrouble {
     }
 }
 
-/// A fault that shows in the readings themselves.
+/// A fault that is visible in the readings themselves.
 fn distrusted(random: &mut Random) -> SensorFault {
     let kinds: Vec<_> = SensorFault::ALL
         .into_iter()
@@ -90,8 +90,8 @@ fn distrusted(random: &mut Random) -> SensorFault {
     kinds[(kinds.len() as f64 * random.unit()) as usize]
 }
 
-/// The sensor fails for ever. The feed must stand within a revolution of the last good reading, of a fault
-/// outside the stock within one of where the tool feeds again. Tells whether there was anything left to stop.
+/// The sensor fails permanently. The feed must stop within a revolution of the last good reading, or after a
+/// fault outside the stock within one of the next feed. Returns whether there was anything left to stop.
 fn fail(mut sim: Simulation, mut limits: Limits, fault: SensorFault, what: &str) -> bool {
     let turn_s = sim.controller.settings().turn_s();
     let (mut reason, mut blind_s) = (None, 0.0);
@@ -147,7 +147,7 @@ fn a_failed_sensor_stops_the_feed_within_a_revolution() {
         let mut sim = simulation(settings, blank, case as u64);
         let mut limits = Limits::new(&settings);
         let mut next_s = random.between(0.0, 10.0);
-        // From the same run at many of its ticks.
+        // From the same run at many of its cycles.
         while !sim.controller.is_over() {
             let (output, _) = sim.step(RUN, None);
             limits.see(&output);
@@ -155,7 +155,7 @@ fn a_failed_sensor_stops_the_feed_within_a_revolution() {
                 continue;
             }
             let fault = distrusted(&mut random);
-            // A frozen reading is told from a quiet one where it reads a load.
+            // A frozen reading is distinguishable from a quiet one only under load.
             if fault == SensorFault::Frozen && output.load < settings.contact_load_n {
                 continue;
             }
@@ -177,7 +177,7 @@ fn sensor_dropouts_never_overload() {
     let count = cases(4);
     for case in 0..count {
         let settings = [safe(), fast()][case % 2];
-        // A quarter of a revolution is bridged at the smallest feed, more may be too much.
+        // A quarter of a revolution is bridged at the smallest feed; more may be too much.
         let bridged = case / 2 % 2 == 0;
         let longest_s = if bridged { 0.25 * TURN_S } else { 0.08 };
         let blank = random_stock(&mut random);
@@ -236,7 +236,7 @@ fn an_overload_at_any_moment_draws_the_tool_out() {
         let (output, _) = sim.step(RUN, None);
         limits.see(&output);
         let height = output.out.position;
-        // Something jams: the load is three times the set one, whatever is cut.
+        // A jam: the load is three times the set one, whatever is cut.
         let (mut cycles, mut reason) = (0, None);
         while !sim.controller.is_over() {
             sim.jam(3.0 * SET);
@@ -249,7 +249,7 @@ fn an_overload_at_any_moment_draws_the_tool_out() {
         assert!(matches!(reason, Some(Reason::Overload { .. })), "{reason:?}");
         let out = sim.step(RUN, None).0.out.position;
         assert!(out > height + 1.0, "drawn out from {height} to {out}");
-        // Noticed after the time that was set, the filter's and the sensor's lag.
+        // Noticed after the set time plus the lags of filter and sensor.
         assert!(cycles < 500, "{cycles} cycles until everything stands");
     }
 }
@@ -260,7 +260,7 @@ fn a_load_lost_in_known_stock_is_a_broken_insert() {
         let settings = [safe(), fast()][case % 2];
         let mut sim = simulation(settings, Blank::uniform(8.0), case as u64);
         let mut limits = Limits::new(&settings);
-        // The second pass cuts what the first has left.
+        // The second pass cuts what the first one left.
         loop {
             let (output, _) = sim.step(RUN, None);
             limits.see(&output);
@@ -305,7 +305,7 @@ fn missing_stock_is_reported() {
     let mut sim = simulation(settings, Blank::uniform(0.0), 3);
     let reason = run_out(&mut sim, &mut Limits::new(&settings));
     assert_eq!(reason, Some(Reason::NoStock));
-    // A sensor that shows nothing looks the same.
+    // A sensor that reads zero looks the same.
     let mut sim = simulation(settings, Blank::uniform(2.0), 3);
     let mut reason = None;
     while !sim.controller.is_over() {

@@ -1,4 +1,5 @@
-//! Sensors of torque, power and current: the job comes out as by a force, and a dead one is told from air.
+//! Sensors of torque, power and current: the result equals that of a force sensor, and a dead sensor is
+//! distinguished from air.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test may fail")]
 
 use evolvent_turning::{
@@ -19,7 +20,7 @@ fn shaft(sensor: &str) -> Result<Job, String> {
     Job::parse(&text, "shaft.toml").map_err(|error| error.to_string())
 }
 
-/// What each kind shows of 2200 N at 60 mm and 500 rev/min, by hand.
+/// Reading of each kind for 2200 N at 60 mm and 500 rev/min, computed by hand.
 fn kinds() -> [(&'static str, f64); 4] {
     let torque = 2200.0 * 0.030;
     let power = 2200.0 * std::f64::consts::PI * 0.060 * 500.0 / 60.0;
@@ -78,14 +79,14 @@ fn a_job_by_torque_power_or_current_keeps_the_set_load() {
             let what = format!("{text}: {reason:?}, {figures:?}");
             assert!(figures.done && figures.residual_mm <= 0.1, "{what}");
             assert!(figures.over_130_s <= TURN_S && figures.peak < 1.3 * SET, "{what}");
-            // The force acts above the tip by up to half the depth: it is reckoned too large by a twelfth at
+            // The force acts above the tip by up to half the depth, so it is overestimated by a twelfth at
             // most.
             assert!(figures.time_s < 1.2 * 207.0, "{what}");
         }
     }
 }
 
-/// Facing from 160 mm: the same force shows as a torque that falls with the diameter.
+/// Facing from 160 mm: the torque of a constant force falls with the diameter.
 #[test]
 fn facing_by_torque_power_or_current_keeps_the_set_load() {
     let facing = |sensor: &str, length: f64| {
@@ -116,7 +117,8 @@ fn facing_by_torque_power_or_current_keeps_the_set_load() {
             assert!(figures.over_130_s <= TURN_S && figures.peak < 1.3 * SET, "{what}");
         }
     }
-    // 2200 N at 160 mm are 176 N m; 50 mm farther in 66 N m. The edge leads by 1 mm / tan(60) a mm of depth.
+    // 2200 N at 160 mm are 176 N m; 50 mm nearer to the axis 66 N m. The edge leads by 1 mm / tan(60) per mm
+    // of depth.
     let scale = facing(kinds()[1].0, 55.0).unwrap().settings.scale;
     for (place, depth, expected) in [
         (0.0, 0.0, 176.0),
@@ -129,7 +131,7 @@ fn facing_by_torque_power_or_current_keeps_the_set_load() {
             "{place} {depth}: {reading}"
         );
     }
-    // To the axis the torque of any force goes to nothing.
+    // At the axis the torque of any force is zero.
     let error = facing(kinds()[1].0, 79.0).unwrap_err();
     assert!(
         error.contains("sensor.kind") && error.contains("nearer"),
@@ -140,7 +142,7 @@ fn facing_by_torque_power_or_current_keeps_the_set_load() {
 
 #[test]
 fn a_dead_sensor_is_told_from_air_by_the_idle_reading() {
-    // Idle power is half of what the set load takes: without supply the sensor reads far below air.
+    // Idle power is half of that at the set load: without supply the reading is far below that in air.
     let mut scale = shaft(kinds()[2].0).unwrap().settings.scale;
     scale.idle = 0.5 * (scale.reading(SET, [0.0; 2], 0.0) - scale.idle);
     let (settings, model) = with(scale);

@@ -1,5 +1,5 @@
-//! Cuts that end within the stock: the passes leave one wall, along the edge, and none of them meets what
-//! another has left there with its whole edge at once.
+//! Cuts that end within the stock: all passes leave one wall along the edge, so that none of them meets the
+//! stock of another with its whole edge at once.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -16,7 +16,7 @@ use crate::common::{
     regime, regime_of, safe, sensor,
 };
 
-/// Turns it: the part is whole, at size, and every limit of motion was kept.
+/// Turns the blank and checks that the part is at size and every limit of motion was kept.
 fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {
     let mut limits = Limits::new(&settings);
     let mut part = Part::new(&settings, blank);
@@ -38,7 +38,7 @@ fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {
         what()
     );
     assert!(part.left() <= 0.1, "{} left: {}", part.left(), what());
-    // The literal strategy overloads by itself.
+    // The literal strategy causes overloads by itself.
     let literal = settings.overload_n > 5000.0;
     assert!(literal || figures.over_130_s <= TURN_S, "{}", what());
     figures
@@ -79,8 +79,8 @@ fn edges_of_any_lead_leave_one_wall() {
             period_s: PERIOD_S,
             ..TurningSettings::usual(regime, tool, 500.0, 40.0)
         };
-        // An edge at 89 degrees comes to more than the deepest cut before the load can tell it: that is the
-        // face, not the wall.
+        // An edge at 89 degrees reaches more than the deepest cut before the load can show it: at the face,
+        // not at the wall.
         let shares: &[f64] = if lead_deg > 88.0 {
             &[0.3]
         } else {
@@ -88,7 +88,7 @@ fn edges_of_any_lead_leave_one_wall() {
         };
         for share in shares {
             let blank = Blank::uniform(share * tool.reach_mm());
-            // Steep edges come to their depth within a revolution, faster than the load tells it.
+            // Steep edges reach their depth within a revolution, faster than the load shows it.
             let most = if lead_deg > 80.0 { 2.0 } else { 1.3 };
             let figures = turn(settings, &blank, 5);
             assert!(
@@ -116,7 +116,7 @@ fn random_stocks_are_cut_to_a_shoulder_anywhere_in_them() {
             _ => literal(),
         };
         let length_mm = random.between(10.0, 190.0);
-        // As when facing: the axis of the work may come before the end of the wall.
+        // As in facing: the axis of the work may be before the end of the wall.
         let beyond_mm = if random.unit() < 0.3 {
             random.between(0.0, 5.0)
         } else {
@@ -147,8 +147,8 @@ fn random_stocks_are_cut_to_a_shoulder_anywhere_in_them() {
 
 #[test]
 fn a_thin_ridge_before_the_end_is_no_broken_insert() {
-    // The edge cuts the ridge while the tip is in the groove before it; at the final size nothing of it may
-    // be left to be felt.
+    // The edge cuts the ridge while the tip is in the groove before it. At the final size nothing of it may
+    // remain to be felt.
     let ridge = |height: f64, from: f64, width: f64, low: f64| Blank {
         grooves_mm: vec![(from - 10.0, from, 0.0), (from + width, 1e3, low)],
         ..Blank::uniform(height)
@@ -195,8 +195,8 @@ fn a_thin_ridge_before_the_end_is_no_broken_insert() {
 
 #[test]
 fn no_way_back_leads_through_stock_behind_a_groove() {
-    // Where a pass ends in the groove, within two overhangs of the stock behind it, that is not known to be
-    // as low as the pass.
+    // A pass ends in the groove, within two overhangs of the stock after it, whose height is not known to be
+    // that of the pass.
     for case in 0..cases(24) {
         let settings = shorter([fast(), safe()][case % 2], 90.0);
         let width = 8.0 + (case / 2 % 6) as f64;
@@ -236,8 +236,7 @@ fn no_way_back_leads_through_stock_behind_a_groove() {
 
 #[test]
 fn hard_stock_that_ends_before_the_cut_is_no_lost_load() {
-    // In material that is harder the load of a cut that is left falls faster than the lead angle and the law
-    // of the load say.
+    // In harder material the load at the end of a cut falls faster than lead angle and force law say.
     let mut faults = Vec::new();
     for case in 0..cases(96) {
         let hard = [1.2, 1.34][case % 2];
@@ -275,8 +274,8 @@ fn stock_that_ends_with_the_cut_is_no_fault_where_a_shoulder_may_be() {
             } else {
                 random.between(0.0, 4.0)
             };
-        // What would be left between a groove and the end is to be no ridge: one that is thinner than the
-        // edge reaches forward looks like a cut over the whole depth.
+        // The stock between a groove and the end must not be a ridge narrower than the overhang of the edge,
+        // which looks like a cut over the whole depth.
         blank.grooves_mm.retain(|groove| groove.1 < length_mm - 12.0);
         blank.grooves_mm.push((end, 1e3, 0.0));
         let base = if case % 3 == 0 { fast() } else { safe() };

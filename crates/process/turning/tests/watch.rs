@@ -1,4 +1,4 @@
-//! What readings of the load are taken for: the depth of the cut by the force law, and trouble at its limits.
+//! Evaluation of load readings: the depth of cut by the force law, and the limits of plausibility.
 
 use evolvent_turning::{LoadSample, LoadView, LoadWatch, SensorTrouble};
 
@@ -10,7 +10,7 @@ const MIN_CHIP_MM: f64 = 0.08;
 const RANGE: f64 = 8000.0;
 const TURN: u64 = 120;
 
-/// A watch, and a sensor of a time constant that it reads each cycle.
+/// A watch, and a sensor with a time constant that it reads in each cycle.
 struct Watched {
     watch: LoadWatch,
     lag_s: f64,
@@ -38,8 +38,8 @@ impl Watched {
         self.watch.step(Some(sample), chip_mm)
     }
 
-    /// A cycle in a cut of a depth: Pz = C t s^0.75, through the sensor. The last digits differ from cycle to
-    /// cycle.
+    /// One cycle in a cut of a depth: Pz = C t s^0.75, through the sensor. The last digits change from cycle
+    /// to cycle.
     fn cut(&mut self, depth_mm: f64, chip_mm: f64) -> LoadView {
         let load = law().coefficient * depth_mm * chip_mm.powf(0.75);
         let share = if self.lag_s > 0.0 {
@@ -60,7 +60,7 @@ impl Watched {
     }
 }
 
-/// Cycles of the same kind of reading until there is trouble, and which.
+/// Number of cycles with one kind of reading until there is trouble, and its kind.
 fn until_trouble(mut next: impl FnMut(&mut Watched) -> LoadView) -> Option<(u32, SensorTrouble)> {
     let mut watched = Watched::new(0.0);
     assert_eq!(watched.cut_for(300, 3.0, 0.4).trouble, None);
@@ -112,7 +112,7 @@ fn a_cut_that_is_not_round_counts_by_its_deepest_part() {
     let mut view = watched.cut(2.0, 0.4);
     for k in 0..10 * TURN {
         view = watched.cut(if k % TURN < TURN / 2 { 2.0 } else { 4.0 }, 0.4);
-        // It only looks like growth and is none, at no part of the revolution.
+        // It only looks like growth, and must not count as growth at any part of the revolution.
         assert!(k < 3 * TURN || view.growth_mm < 0.1, "{k}: {view:?}");
     }
     assert!((view.depth_mean_mm - 3.0).abs() < 0.05, "{view:?}");
@@ -133,10 +133,10 @@ fn growth_is_that_of_a_revolution_and_noise_is_none() {
     for k in 1..=3 * TURN {
         view = watched.cut(2.0 + 0.8 * k as f64 / TURN as f64, 0.4);
     }
-    // 4.4 mm now, 3.6 before; 4 % of what was before may be noise, and a few milliseconds are smoothed.
+    // 4.4 mm now, 3.6 before; 4 % of the earlier depth may be noise, and a few milliseconds are smoothed.
     let expected = 0.8 - 0.04 * 3.6;
     assert!((view.growth_mm - expected).abs() < 0.15, "{view:?}");
-    // A depth that falls does not grow.
+    // A falling depth does not grow.
     for k in 1..=2 * TURN {
         view = watched.cut(4.4 - 0.8 * k as f64 / TURN as f64, 0.4);
         assert!(k < TURN || view.growth_mm == 0.0, "{k}: {view:?}");
@@ -149,7 +149,7 @@ fn thin_chips_and_cleared_readings_are_ignored() {
     watched.cut_for(5 * TURN, 3.0, 0.4);
     let view = watched.cut_for(TURN / 4, 3.0, 0.0);
     assert!((view.depth_now_mm / 3.0 - 1.0).abs() < 0.01, "{view:?}");
-    // Just above the least chip it does.
+    // Just above the minimum chip it does.
     let view = Watched::new(0.0).cut_for(5 * TURN, 3.0, 1.01 * MIN_CHIP_MM);
     assert!((view.depth_now_mm / 3.0 - 1.0).abs() < 0.01, "{view:?}");
     let view = Watched::new(0.0).cut_for(5 * TURN, 3.0, 0.99 * MIN_CHIP_MM);
@@ -164,7 +164,7 @@ fn thin_chips_and_cleared_readings_are_ignored() {
 
 #[test]
 fn implausible_readings_become_trouble() {
-    // Missing for 10 ms is allowed for; the sum of tenths may be a cycle off.
+    // 10 ms without a reading are permitted; the sum of tenths may be off by a cycle.
     let soon = 10..=11;
     let (cycle, trouble) = until_trouble(|w| w.watch.step(None, 0.4)).unwrap_or((0, SensorTrouble::Frozen));
     assert!(
@@ -184,7 +184,7 @@ fn implausible_readings_become_trouble() {
             "{value}: {seen:?}"
         );
     }
-    // 25 times the same as before is too often; then 10 ms more.
+    // 25 equal readings are too many; then 10 ms more.
     for value in [2000.0, 1e-5 * SET] {
         let seen = until_trouble(|w| w.reading(value, 0.4));
         assert!(
@@ -198,11 +198,11 @@ fn implausible_readings_become_trouble() {
 
 #[test]
 fn readings_that_may_be_are_no_trouble() {
-    // A sensor in air may well show the same next to nothing for ever.
+    // A sensor in air may repeat a value near zero indefinitely.
     for value in [0.0, 1e-7 * SET, -0.19 * SET] {
         assert_eq!(until_trouble(|w| w.reading(value, 0.4)), None, "{value}");
     }
-    // 24 times the same, then another, and again.
+    // 24 equal values, then another, repeatedly.
     assert_eq!(
         until_trouble(|w| w.reading(2000.0 + f64::from(u8::from(w.sequence / 25 % 2 == 0)), 0.4)),
         None
@@ -220,7 +220,7 @@ fn readings_that_may_be_are_no_trouble() {
         }),
         None
     );
-    // Just below the end of the range, with a digit that lives.
+    // Just below the end of the range, with a changing digit.
     assert_eq!(
         until_trouble(|w| w.reading(0.999 * RANGE + (w.sequence % 2) as f64, 0.4)),
         None

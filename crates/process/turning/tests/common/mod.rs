@@ -1,4 +1,4 @@
-//! Jobs, stocks and independent checks that the tests share.
+//! Jobs, stocks and independent checks for the tests.
 #![allow(dead_code, unreachable_pub, reason = "each test uses some of it")]
 #![allow(
     clippy::unwrap_used,
@@ -65,7 +65,7 @@ pub fn fast() -> TurningSettings {
     }
 }
 
-/// The same where the stock ends with the cut, as in the cases that were published.
+/// The same if the stock ends with the cut, as in the published cases.
 pub mod open {
     use evolvent_turning::TurningSettings;
 
@@ -89,7 +89,7 @@ pub mod open {
     }
 }
 
-/// The literal strategy overloads by itself: its protection is out of the way.
+/// The literal strategy causes overloads by itself: its overload limit is out of reach.
 pub fn literal() -> TurningSettings {
     TurningSettings {
         strategy: Strategy::literal(&regime(BackOff::Balanced)),
@@ -129,7 +129,7 @@ pub fn stocks() -> [(&'static str, Blank); 4] {
     ]
 }
 
-/// A stock nobody has chosen: pieces of straight outline with steps, at times a groove or a hard spot.
+/// A random stock: straight pieces of outline with steps, sometimes a groove or a hard spot.
 pub fn random_stock(random: &mut Random) -> Blank {
     let mut points = Vec::new();
     let mut place = 0.0;
@@ -165,7 +165,7 @@ pub fn random_stock(random: &mut Random) -> Blank {
     blank
 }
 
-/// Velocity, acceleration and jerk of both axes, from their positions alone.
+/// Velocity, acceleration and jerk of both axes, computed from their positions.
 #[derive(Clone, Debug)]
 pub struct Limits {
     past: [[f64; 4]; 2],
@@ -216,7 +216,7 @@ impl Limits {
     }
 }
 
-/// The same out of round, or with flats and keyways, or both.
+/// The same with run-out, with flats and keyways, or with both.
 pub fn random_rough_stock(random: &mut Random) -> Blank {
     let mut blank = random_stock(random);
     let kind = random.unit();

@@ -1,17 +1,16 @@
-//! A field of heights that knows nothing of the crate's own: what an edge leaves that goes where the tip
-//! went.
+//! A height field independent of the crate's: the stock that an edge leaves along the path of the tip.
 
 use evolvent_turning::{Blank, TurningSettings};
 
 const STEP_MM: f64 = 0.05;
-/// How far behind the end of the cut is looked.
+/// Length of the field after the end of the cut.
 const BEHIND_MM: f64 = 60.0;
 
 pub struct Part {
     tops: Vec<f64>,
     settings: TurningSettings,
     deepest: f64,
-    /// Where the tip was before.
+    /// Previous position of the tip.
     before: (f64, f64),
 }
 
@@ -40,7 +39,7 @@ impl Part {
         }
     }
 
-    /// The tip is here, and the edge over the places before it.
+    /// Moves the tip here; the edge covers the positions ahead of it.
     pub fn cut(&mut self, along: f64, out: f64) {
         self.deepest = self.deepest.max(self.contour(along) - out);
         let tool = &self.settings.tool;
@@ -52,7 +51,7 @@ impl Part {
             if lead > tool.overhang_mm() {
                 break;
             }
-            // What the tip has gone past since then is cut to its height.
+            // Stock that the tip has passed since then is cut to its height.
             *top = top.min(if lead < 0.0 {
                 height
             } else {
@@ -61,12 +60,12 @@ impl Part {
         }
     }
 
-    /// How far the tip was below the contour, mm.
+    /// Maximum distance of the tip below the contour, mm.
     pub fn deepest(&self) -> f64 {
         self.deepest
     }
 
-    /// The maximum height of stock left above the contour, mm.
+    /// Maximum height of the stock left above the contour, mm.
     pub fn left(&self) -> f64 {
         let above = |(i, top): (usize, &f64)| top - self.contour(i as f64 * STEP_MM);
         self.tops.iter().enumerate().map(above).fold(0.0, f64::max)
