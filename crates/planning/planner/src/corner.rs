@@ -188,7 +188,8 @@ mod tests {
                         assert!((blend.first - curve.first).amax() < 1e-11);
                         assert!((blend.second - curve.second).amax() < 1e-9 / h);
                     }
-                    // Nowhere farther from the programmed point of equal parameter, on a finer sampling.
+                    // The distance from the programmed point of equal parameter stays within it, on a finer
+                    // sampling.
                     for k in 0..=1000 {
                         let u = 2.0 * h * f64::from(k) / 1000.0;
                         let programmed = if u < h {

@@ -30,11 +30,11 @@ const MAX_FAILURES: u32 = 3;
 const MIN_WINDOW: u64 = 32;
 /// Maximum number of steps of a window.
 const WINDOW_STEPS: usize = 2 * MAX_INTERVALS + 3;
-/// Steps that only windows take that the cycle will need soon. Steps of plans that nobody drives stay in the
+/// Steps reserved for windows that the cycle will need soon. Steps of plans that nobody executes stay in the
 /// queue until the cycle has passed them, and it may be waiting for such a window.
 const RESERVED_STEPS: usize = 4 * WINDOW_STEPS;
-/// Steps that other windows leave free: for the replies to two requests, too, because the cycle may be
-/// waiting for one, and then nothing else frees capacity.
+/// Steps that other windows leave free, enough also for the replies to two requests: the cycle may be waiting
+/// for one, and then nothing else frees capacity.
 const LEFT_STEPS: usize = RESERVED_STEPS + 2 * WINDOW_STEPS;
 /// Maximum distance of the cycle from the end of the committed plan, in intervals, at which it needs the next
 /// window soon.
@@ -68,8 +68,8 @@ struct PlannedWindow {
 struct PlanFrontier {
     place: PathPosition,
     entry: Entry,
-    /// The step that the next one is linked to: the last committed one, if a tail follows it now, or the Wait
-    /// that keeps the place after a stop.
+    /// The step to which the next one is linked: the last committed one if a tail follows it now, or the Wait
+    /// that reserves the link after a stop.
     link: Option<u64>,
     /// Index in `rests` of the next stop.
     rest: usize,
@@ -78,8 +78,8 @@ struct PlanFrontier {
     is_waiting: bool,
 }
 
-/// The plan that a request in motion has cut short, kept until it is known whether the cycle has taken over
-/// the reply.
+/// The plan that a request in motion has cut off, kept until it is known whether the cycle has taken over the
+/// reply.
 #[derive(Clone, Copy, Debug)]
 struct PendingBranch {
     id: u64,
@@ -89,13 +89,13 @@ struct PendingBranch {
     windows: usize,
 }
 
-/// Windows that were handed on.
+/// Windows that were handed over.
 #[derive(Debug, Default)]
 struct PlannedWindows {
-    /// Those that the cycle has not left, and the space of those that it has.
+    /// Those that the cycle has not left, and the memory of those that it has.
     planned: VecDeque<PlannedWindow>,
     spare: Vec<PlannedWindow>,
-    /// A plan that may have been cut short, and its windows after the cut.
+    /// A plan that may have been cut off, and its windows after the cut.
     pending_branch: Option<PendingBranch>,
     cut: VecDeque<PlannedWindow>,
 }
@@ -106,7 +106,7 @@ struct PathStore {
     /// Segments from number `first` on, with the path parameter at their start.
     segments: VecDeque<(f64, Segment)>,
     first: u64,
-    /// How many the cycle has been handed.
+    /// Number of segments handed to the cycle.
     handed: u64,
     length: f64,
     marks: VecDeque<BlockMark>,
@@ -199,8 +199,8 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Drops marks of the next segment if its blocks are so numerous that the marks of a window might not fit
-    /// into any queue.
+    /// Drops marks of the next segment if it has so many blocks that the marks of a window might not fit into
+    /// any queue.
     fn limit_marks(&mut self) {
         let first = self
             .path
@@ -496,14 +496,14 @@ impl<S: PlanSink> Horizon<S> {
                 ..self.frontier
             },
         };
-        // Before it is linked: a cycle that has come to it must not take its second piece for a tail.
+        // Commit before linking: a cycle that reaches the link must not take its second piece for a tail.
         self.sink.commit(first + committed as u64);
         let follows = match self.frontier.link {
             Some(link) => self.sink.link(link, first),
             None => true,
         };
         if !follows {
-            // The cycle executes the tail already and will send a request; plans from there cannot use this
+            // The cycle already executes the tail and will send a request; plans from there cannot use this
             // window.
             self.windows.spare.extend(self.windows.planned.pop_back());
             if let Some(pending_branch) = &mut self.windows.pending_branch {
@@ -600,12 +600,12 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// No plan was found, or it came too late: the cycle stops at the end of the tail and sends a request
-    /// from there.
+    /// Without a plan, or with a late one, the cycle stops at the end of the tail and sends a request from
+    /// there.
     fn fall_back_to_tail(&mut self) -> Result<(), S::Error> {
         self.sink.commit(self.appended);
         match self.frontier.link {
-            // No other step will be linked. Where the cycle executes the tail already it stays as it is.
+            // No other step will be linked. If the cycle already executes the tail, nothing changes.
             Some(link) if matches!(self.frontier.entry, Entry::Moving { .. }) => {
                 let _is_in_time = self.sink.link(link, link + 1);
             }
@@ -620,7 +620,7 @@ impl<S: PlanSink> Horizon<S> {
         Ok(())
     }
 
-    /// Step `step` is what follows the stop at the frontier, where a Wait keeps its place.
+    /// Links step `step` after the stop at the frontier, in place of the Wait that reserves the link.
     fn take_place(&mut self, step: u64) {
         if let Some(wait) = self.frontier.link.take() {
             let _is_free = self.sink.link(wait, step);

@@ -119,7 +119,7 @@ impl PathStage {
                 merge_mm,
             } => {
                 let mm = tolerance_mm.unwrap_or(self.rules.blend_tolerance_mm);
-                // Q without a word equals P, and no vertex may be farther off than P.
+                // Q without a word equals P, and no vertex may be farther away than P.
                 let merge_mm = merge_mm.unwrap_or(mm).min(mm);
                 Tolerance::Within { mm, merge_mm }
             }
@@ -180,14 +180,14 @@ impl PathStage {
         self.out = out;
     }
 
-    /// Hands over what nothing can join any more.
+    /// Hands over segments that no later segment can join.
     fn flush(&mut self, after: Option<f64>, sink: &mut impl PathSink) {
         if let Some(complete) = self.straightener.flush() {
             self.emit(&complete, after, sink);
         }
     }
 
-    /// `after`: the highest speed of the parameter behind the segment where that is known, per s.
+    /// `after`: the maximum speed of the parameter after the segment, per s, if known.
     fn emit(&mut self, whole: &PathSegment, after: Option<f64>, sink: &mut impl PathSink) {
         let (line, block) = self.blocks.front().copied().unwrap_or_default();
         for part in self.speed_step.divide(whole, after) {

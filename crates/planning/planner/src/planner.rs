@@ -181,7 +181,7 @@ impl<S: PlanSink> Planner<S> {
         }
     }
 
-    /// Answers the requests of the cycle since the last call. Call it often.
+    /// Replies to the requests of the cycle since the last call. Call it often.
     ///
     /// # Errors
     /// Those of the sink.

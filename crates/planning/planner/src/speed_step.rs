@@ -1,10 +1,10 @@
-//! Divides segments where the speed steps.
+//! Divides segments where the speed changes in a step.
 //!
 //! The optimizer's intervals are fine at the ends of lines and coarse in between, in proportion to the
-//! length. Within one interval the third derivative is constant, so where a slow block joins a long fast one
-//! the speed could rise by no more than a coarse interval allows: in a line of 20 mm at 600 mm/min behind one
-//! at 10 mm/min it took 2 mm and 0.5 s instead of 0.1 mm and 0.03 s. There the fast segment is divided a
-//! little beyond the place where its speed is reached, and the short part has intervals of its own.
+//! length. Within one interval the third derivative is constant, so at the joint of a slow block with a long
+//! fast one, a coarse interval limits the rise of the speed. In a line of 20 mm at 600 mm/min after one at 10
+//! mm/min, the change took 2 mm and 0.5 s instead of 0.1 mm and 0.03 s. There the fast segment is divided a
+//! little after the position where its speed is reached, and the short part has its own intervals.
 
 use evolvent_machine::Limits;
 use evolvent_path::{Curve, Feed};
@@ -12,17 +12,17 @@ use evolvent_smooth::PathSegment;
 
 /// Length of the short part as a multiple of the distance over which the speed changes.
 const LENGTH_FACTOR: f64 = 2.0;
-/// Changes of speed that take no longer need no finer intervals, s.
+/// Duration of a change of speed below which no finer intervals are needed, s.
 const MIN_CHANGE_S: f64 = 2e-3;
 /// Minimum ratio of the remainder to the short parts: the intervals of a shorter segment are fine enough
 /// without a division.
 const MIN_REMAINDER: f64 = 2.0;
 
-/// Knows the highest speed at the end of the segment before.
+/// Keeps the maximum speed at the end of the previous segment.
 #[derive(Debug)]
 pub(crate) struct SpeedStep {
     limits: Limits,
-    /// Of the parameter, per s; none where the path rests.
+    /// Speed of the parameter, per s; `None` where the path stops.
     before: Option<f64>,
 }
 
@@ -34,8 +34,8 @@ impl SpeedStep {
         }
     }
 
-    /// The parts of the next segment in their order. `after`: the highest speed of the parameter behind it
-    /// where that is known, per s.
+    /// The parts of the next segment in order. `after`: the maximum speed of the parameter after it, per s,
+    /// if known.
     pub(crate) fn divide(
         &mut self,
         segment: &PathSegment,
@@ -43,7 +43,7 @@ impl SpeedStep {
     ) -> impl Iterator<Item = PathSegment> + use<> {
         let before = self.before.replace(self.end_speed(segment));
         let lengths = match segment.curve {
-            // A piece of a spline is short, and involutes are divided by their angle of roll.
+            // Spline pieces are short, and involutes are divided by their roll angle.
             Curve::Line(_) | Curve::Arc(_) => {
                 let part = |slow: Option<f64>, at: f64| {
                     slow.map_or(0.0, |slow| {
@@ -78,7 +78,7 @@ impl SpeedStep {
         })
     }
 
-    /// The path has a limit here that no feed changes, per s of the parameter; 0 is a rest.
+    /// Limits the speed of the parameter here, per s, independent of any feed; 0 is a stop.
     pub(crate) fn cap(&mut self, speed_u_s: f64) {
         self.before = match self.before {
             Some(before) if speed_u_s > 0.0 => Some(before.min(speed_u_s)),
@@ -86,7 +86,7 @@ impl SpeedStep {
         };
     }
 
-    /// The highest speed of the parameter at the start of a segment, per s.
+    /// The maximum speed of the parameter at the start of a segment, per s.
     pub(crate) fn start_speed(&self, segment: &PathSegment) -> f64 {
         self.speed(segment, segment.from)
     }
@@ -105,13 +105,13 @@ impl SpeedStep {
             .min(self.limits.velocity_along(&first))
     }
 
-    /// The distance, by the parameter, over which the speed rises from `slow` to that of the segment at `at`,
-    /// or falls to it, along a line.
+    /// The distance, in the parameter, over which the speed rises from `slow` to that of the segment at `at`,
+    /// or falls from it, along a line.
     fn transition_length(&self, segment: &PathSegment, slow: f64, at: f64) -> f64 {
         let first = segment.curve.jet(at).first;
         let fast = self.speed(segment, at);
         let change = fast - slow;
-        // At rest the law is another, and a small step needs no finer intervals.
+        // The law at a stop is different, and a small step needs no finer intervals.
         if !(slow > 0.0 && change > 0.1 * fast) {
             return 0.0;
         }
@@ -125,7 +125,7 @@ impl SpeedStep {
             change / acceleration + acceleration / jerk
         };
         let length = 0.5 * (slow + fast) * seconds;
-        // A change as short as a few periods costs next to nothing where it is made more slowly.
+        // A change within a few periods costs almost nothing if it is made more slowly.
         if length.is_finite() && seconds > MIN_CHANGE_S {
             length
         } else {

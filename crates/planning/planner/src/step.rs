@@ -115,7 +115,8 @@ pub enum Step {
 }
 
 impl Step {
-    /// Whether the axes move from this step on: by the plan, or by what takes over here.
+    /// Whether the axes move from this step on: by the plan, or by the controller or cycle that takes over
+    /// here.
     #[must_use]
     pub fn begins_motion(&self) -> bool {
         matches!(
@@ -139,8 +140,8 @@ pub struct TimedSegment {
 }
 
 impl TimedSegment {
-    /// Speed of the path parameter, per s, below which a piece ends at rest. Rounding leaves far less, and no
-    /// plan is so slow.
+    /// Speed of the path parameter, per s, below which a piece ends at rest. Rounding errors are far smaller,
+    /// and plans are faster.
     const AT_REST: f64 = 1e-6;
 
     /// Whether the motion stops at the end of the piece. Real-time safe.
@@ -166,8 +167,8 @@ pub struct BlockMark {
 pub struct Request {
     /// Serial number, repeated in the reply.
     pub id: u64,
-    /// Plan step at that position; at rest the next one. It tells which window the cycle drives: when a run
-    /// is computed again, later windows may have been planned although the cycle drives a tail.
+    /// Plan step at that position; at rest the next one. It identifies the window that the cycle executes:
+    /// when a run is recomputed, later windows may have been planned although the cycle executes a tail.
     pub step: u64,
     /// Segment at which the new plan takes over.
     pub segment: u64,
@@ -272,8 +273,8 @@ pub trait PlanSink {
         let _ = from;
     }
 
-    /// Appends a [`Step::Wait`] that keeps the place of what follows a stop: when that is appended, it is
-    /// linked to the Wait. The consumer rests there until then, and requests nothing.
+    /// Appends a [`Step::Wait`] that reserves the link after a stop: the step that follows the stop is later
+    /// linked to the Wait. The consumer rests there until then, and sends no request.
     ///
     /// # Errors
     /// The consumer has gone.
@@ -281,7 +282,7 @@ pub trait PlanSink {
         self.step(&Step::Wait)
     }
 
-    /// Makes step `to` the successor of step `from`, which was left open or keeps a place. False if the
+    /// Makes step `to` the successor of step `from`, which was left open or is a reserved Wait. False if the
     /// consumer has already continued from `from`.
     fn link(&mut self, from: u64, to: u64) -> bool {
         let _ = (from, to);
@@ -331,8 +332,8 @@ pub trait PlanSink {
         u64::MAX
     }
 
-    /// Serial number of the last request that the consumer has withdrawn: it takes over no reply to it or to
-    /// an earlier one, and drives the plan that it had. 0 for none.
+    /// Serial number of the last request that the consumer has withdrawn; 0 for none. It takes over no reply
+    /// to it or to an earlier one, and executes the plan in force before.
     fn withdrawn(&self) -> u64 {
         0
     }

@@ -1,5 +1,5 @@
-//! Nothing is handed over without capacity: a planner that waits for capacity in the middle of a window
-//! cannot answer requests.
+//! The planner hands over nothing without capacity: if it waited for capacity in the middle of a window, it
+//! could not reply to requests.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 

@@ -6,8 +6,8 @@ use super::{Horizon, PendingBranch, PlanFrontier, RESERVED_STEPS, RestPoint};
 use crate::step::{PlanSink, Reply, Request};
 
 impl<S: PlanSink> Horizon<S> {
-    /// Answers the open request as soon as enough path is known. That amount must not depend on how the
-    /// program text arrives. True if it received its reply, which discards an earlier solution.
+    /// Replies to the open request as soon as enough path is known. That amount must not depend on how the
+    /// program text arrives. True if the request received its reply, which discards an earlier solution.
     pub(super) fn serve(&mut self) -> Result<bool, S::Error> {
         let mut gone = false;
         if let Some(request) = self.sink.request() {
@@ -24,7 +24,7 @@ impl<S: PlanSink> Horizon<S> {
         };
         let frontier = self.frontier_at(&request);
         if matches!(frontier.entry, Entry::Rest) {
-            // No haste: the next windows start here.
+            // No deadline: the next windows start here.
             let known = self.windows_up_to(request.step);
             self.windows.spare.extend(self.windows.planned.drain(known..));
             self.frontier = frontier;
@@ -32,7 +32,7 @@ impl<S: PlanSink> Horizon<S> {
             return Ok(true);
         }
         let Some((until, exit)) = self.window(&frontier) else {
-            // The path may stop at this position up to rounding; otherwise more path will come.
+            // The path may stop at this position up to rounding; otherwise more path will arrive.
             let here = |rest: &RestPoint| rest.at <= frontier.place.interval;
             let at_rest = self.rests.get(frontier.rest).is_some_and(here);
             if at_rest {
@@ -57,12 +57,12 @@ impl<S: PlanSink> Horizon<S> {
         }
         self.windows.cut.extend(self.windows.planned.drain(known..));
         let (steps, segments, marks) = (self.pieces.len() + 3, self.segments_needed(), self.marks_needed());
-        // The cycle may have stopped and sent a request from there; then it accepts nothing before that is
-        // answered.
+        // The cycle may have stopped and sent a request from there; until that has a reply, it accepts no
+        // other.
         let newer = self.sink.request();
         let is_overtaken = newer.is_some() || self.is_withdrawn(request.id);
-        // Answers that nobody drove may have taken the room that is kept for some. Only the cycle frees it
-        // again, and it may be waiting for this one, or for windows of the plan that it drives.
+        // Replies that were never executed may have used the capacity reserved for others. Only the cycle
+        // frees it, and it may be waiting for this reply, or for windows of the plan that it executes.
         let room = steps + RESERVED_STEPS;
         if is_overtaken || !self.sink.has_capacity(room, segments, marks) {
             self.windows.planned.append(&mut self.windows.cut);
@@ -76,8 +76,8 @@ impl<S: PlanSink> Horizon<S> {
             return Ok(true);
         }
         if self.frontier.link.is_none() && !self.frontier.is_waiting {
-            // A stop's successor follows its step: a cycle that continues as planned must not find the reply
-            // there.
+            // The successor of a stop follows its step: a cycle that continues as planned must not find the
+            // reply there.
             self.sink.keep_place()?;
             self.frontier.link = Some(self.appended);
             self.appended += 1;
@@ -119,7 +119,7 @@ impl<S: PlanSink> Horizon<S> {
         self.sink.withdrawn() >= id
     }
 
-    /// Goes on after the last window of the plan in force.
+    /// Continues after the last window of the plan in force.
     pub(super) fn restore_optimizer(&mut self) {
         if let Some(planned) = self.windows.planned.back() {
             self.optimizer.restore(&planned.snapshot);
