@@ -16,7 +16,7 @@ use evolvent_path::{Arc, Axes, Blend, Curve, Line, Plane, Sense};
 use evolvent_timing::{Entry, Exit, Grid, MAX_INTERVALS, Optimizer, PathPosition, Piece};
 use evolvent_verifier::butterfly_point;
 
-/// Least stations of the other method on each stretch.
+/// Minimum number of stations of the other method per curve.
 const EACH: usize = 160;
 
 fn main() {

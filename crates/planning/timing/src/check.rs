@@ -156,7 +156,7 @@ pub(crate) fn check(
             track.set(5, &cell.points[2], (x.a[k + 1], x.b[k + 1]), limits);
             here.acceleration = here.acceleration.max(track.peak());
         }
-        // Above the caps of the path the motion may be where it still has to decelerate to them.
+        // While it still decelerates to the caps of the path, the motion may be above them.
         let path_cap = (cell.points.iter().map(|point| point.cap(factor))).fold(0.0, f64::max);
         let lifted = window.lifted && cap > path_cap * path_cap;
         let fast = fast || (here.velocity > TARGET_RATIO.0 && !lifted);

@@ -4,7 +4,6 @@
 //! the new feed. From there the motion is planned as if it had always had that speed. The solver alone would
 //! reach the new feed only where its stations permit: their distances follow the old speed, and a tenth or a
 //! thousandth of it is reached within a small part of an interval.
-//! held within a small part of an interval.
 
 use crate::closed_form;
 use crate::grid::PathPosition;

@@ -27,7 +27,7 @@ const REFINEMENT_DIVISOR: u32 = 6;
 /// Maximum rounds of checking and correcting, and steps of each.
 const MAX_REFINEMENTS: usize = 4;
 const REFINEMENT_STEPS: u32 = 8;
-/// Fractions of the way from the start to the result to which a plan backtracks if the result exceeds the
+/// Fractions of the difference between start and result to which a plan backtracks if the result exceeds the
 /// limits. The first cost almost nothing: an excess of 1 % at one corner must not slow down 100 mm.
 const BACKTRACK_FRACTIONS: [f64; 8] = [0.998, 0.99, 0.97, 0.9, 0.75, 0.5, 0.25, 0.0];
 /// Maximum number of slow start motions that are tried, and the factor of `u'^2` from one to the next.

@@ -155,8 +155,8 @@ impl Profile {
         Self::change(from, from.relaxed_speed(limits.jerk).max(0.0), limits)
     }
 
-    /// The position from which on the speed is at most `speed_u_s`: negative infinity where it always is,
-    /// infinity where it is higher at the end. Real-time safe.
+    /// The position from which on the speed is at most `speed_u_s`: negative infinity if it always is,
+    /// infinity if the speed is higher at the end. Real-time safe.
     #[must_use]
     pub fn falls_below(&self, speed_u_s: f64) -> f64 {
         if self.exit_speed > speed_u_s {
@@ -169,7 +169,7 @@ impl Profile {
         };
         for (state, time, jerk) in self.phase_states() {
             let above = state.v - speed_u_s;
-            // The later root of a speed that falls through it; none is not a number.
+            // The later root, at which the speed falls through `speed_u_s`; NaN if there is none.
             let at = if jerk == 0.0 {
                 -above / state.a
             } else {
@@ -580,7 +580,7 @@ mod tests {
                     "{case}: {now:?}, {speed} from {from}"
                 );
             }
-            // And not from before on.
+            // And the speed is higher before.
             if from.is_finite() && from > 0.0 {
                 let fast = (0..=4000).map(|part| profile.at(profile.duration() * f64::from(part) / 4000.0).0);
                 let last = fast

@@ -15,7 +15,7 @@ pub(crate) const MU_FINAL: f64 = 4e-4;
 const MU_FACTOR: f64 = 0.2;
 /// Newton decrement, relative to the barrier's weight, below which an iterate counts as centred.
 const CENTRED: f64 = 0.02;
-/// Maximum fraction of the way to the nearest cap that a step may go.
+/// Maximum fraction of the distance to the nearest cap that a step may take.
 const MAX_STEP_FRACTION: f64 = 0.98;
 /// Factor of the backtracking line search.
 const BACKTRACK_FACTOR: f64 = 0.75;
@@ -26,7 +26,7 @@ const GUESS_SLOPE_WEIGHT: f64 = 0.02;
 const GUESS_SMOOTHNESS: f64 = 0.2;
 const GUESS_SMOOTHNESS_FACTOR: f64 = 5.0;
 const MAX_GUESSES: usize = 3;
-/// Fraction of the way to the initial guess.
+/// Fraction of the difference to the initial guess.
 const GUESS_FRACTION: f64 = 0.95;
 /// Maximum number of backtracking steps of one line search.
 const MAX_BACKTRACKS: usize = 30;
@@ -139,7 +139,7 @@ impl Solver {
         self.far.copy(&self.x);
     }
 
-    /// Moves to a fraction of the way between the two saved iterates. False if that is infeasible.
+    /// Moves to a fraction of the difference between the two saved iterates. False if that is infeasible.
     pub(crate) fn backtrack(&mut self, window: &Window, fraction: f64) -> bool {
         self.step.copy(&self.far);
         for (to, from) in [

@@ -224,7 +224,7 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, max_steps: Option<f64>) -> (
             ) {
                 Ok(_) => until = next,
                 Err(FeedError::NoMotion { .. }) => {
-                    // The previous plan stays in force, up to its stop.
+                    // The previous plan remains in force, up to its stop.
                     refused += 1;
                     run.plan = rest;
                 }

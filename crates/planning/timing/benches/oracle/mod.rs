@@ -27,7 +27,7 @@ struct Station {
     feed: f64,
 }
 
-/// Offsets in a stretch: dense where the tangent rotates rapidly, and at both ends.
+/// Offsets on a curve: dense where the tangent rotates rapidly, and at both ends.
 fn places(curve: &Curve, from: f64, length: f64, each: usize) -> Vec<f64> {
     const FINE: usize = 2000;
     let density = |k: usize| {
@@ -79,13 +79,13 @@ fn stations(path: &Path, each: usize) -> Vec<Station> {
     }
     marks.sort_by(|a, b| a.0.total_cmp(&b.0));
     marks.dedup_by(|b, a| (b.0 - a.0) < 1e-6 * total / (path.parts.len() as f64));
-    // The coarse stations within the graded ends are close to others, which does no harm.
+    // The coarse stations within the graded ends are close to others, which is harmless.
     marks
         .into_iter()
         .map(|(u, part, at)| {
             let (curve, from, _, feed) = &path.parts[part];
             let mut jet = curve.jet(at);
-            // At a joint the smaller of the two third derivatives: the optimum errs on the fast side.
+            // At a joint the smaller of the two third derivatives: the optimum is rather too fast.
             if at <= *from && part > 0 {
                 let before = &path.parts[part - 1];
                 let left = before.0.jet(before.1 + before.2);
