@@ -1,14 +1,14 @@
 //! Samples that follow the spline along the programmed path.
 //!
-//! On a chain of short lines a sample need not compare with the programmed point of its own parameter: any
-//! nearby point of the path proves the tolerance, and the nearest one proves it best. So between rounds of
-//! the optimisation the programmed points move to the nearest points of the spline. That never reduces the
-//! margin of a sample, because the nearest point is not farther than the previous one.
+//! On a chain of short lines a sample need not be compared with the programmed point of its own parameter.
+//! Any nearby point of the path proves the tolerance, and the nearest one gives the largest margin. So
+//! between rounds of the optimisation the programmed points move to the nearest points of the spline. That
+//! never reduces the margin of a sample, because the nearest point is not farther away than the previous one.
 //!
 //! Between two samples the deviation of the path from the chord between their points must stay bounded,
-//! otherwise nothing proves the tolerance there. A point that would exceed the bound moves half of its way,
-//! or stays. No point moves farther from its own parameter than the tolerance, so the spline misses no
-//! programmed point by more than twice the tolerance.
+//! because nothing else proves the tolerance there. A point that would exceed the bound moves half the
+//! distance, or stays. No point moves farther from its own parameter than the tolerance, so the spline misses
+//! no programmed point by more than twice the tolerance.
 
 use std::ops::Range;
 

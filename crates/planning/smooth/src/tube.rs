@@ -117,7 +117,7 @@ pub(crate) fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 struct Straight {
     behind: f64,
     ahead: f64,
-    /// The extent of that part of it which has the feed of the segment.
+    /// The extent of the part of it that has the feed of the segment.
     feed_behind: f64,
     feed_ahead: f64,
     sharp: bool,

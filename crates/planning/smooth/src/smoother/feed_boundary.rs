@@ -1,10 +1,10 @@
-//! Where the smoothed path passes from the feed of one block to that of the next.
+//! The position at which the smoothed path changes from the feed of one block to that of the next.
 //!
-//! The path runs by the parameter of the program, but its point at a joint's parameter may lie before the
-//! joint or beyond it: by the tolerance, or twice that where samples follow the path. If the feed changed at
-//! the parameter, that stretch would be driven at the feed of the wrong block, a cut at rapid. The path
-//! passes a joint also where it passes the plane that bisects it: before it the earlier block is nearer,
-//! behind it the later one. The lower of the feeds by parameter and by plane counts.
+//! The path has the parameter of the program, but its point at a joint's parameter may be before the joint or
+//! after it: by the tolerance, or by twice the tolerance where samples follow the path. If the feed changed
+//! at the parameter, the path in between would be driven at the feed of the wrong block, for example a cut at
+//! rapid. The second criterion is the plane that bisects the joint: before it the earlier block is nearer,
+//! after it the later one. The lower of the two feeds, by parameter and by plane, applies.
 
 use evolvent_path::{Axes, ParamCurve, Spline};
 
@@ -24,17 +24,17 @@ const BISECTIONS: usize = 30;
 pub(super) struct FeedBoundary {
     /// Number of the segment that starts there.
     pub(super) segment: usize,
-    /// Parameter of the joint, and how far from it the path may pass it.
+    /// Parameter of the joint, and the distance from it within which the path may pass it.
     parameter: f64,
     reach: f64,
-    /// The joint, and the normal of the bisecting plane; none if other axes tie the path to the parameter, or
-    /// it reverses.
+    /// The joint, and the normal of the bisecting plane; `None` if other axes tie the path to the parameter,
+    /// or if the path reverses.
     place: Axes,
     normal: Option<Axes>,
 }
 
 impl FeedBoundary {
-    /// The next joint behind a segment at which the feed changes, if the path may pass it before `until`.
+    /// The next joint after a segment at which the feed changes, if the path may pass it before `until`.
     pub(super) fn next(chain: &Chain, number: usize, until: f64) -> Option<Self> {
         let holding = chain.get(number)?;
         let mut number = number;
@@ -64,7 +64,7 @@ impl FeedBoundary {
     }
 
     /// The parameter at which a piece of the path, from `from` to `to`, passes the joint, searched from `at`;
-    /// none if it does not.
+    /// `None` if it does not.
     pub(super) fn passed(&self, piece: &Spline, (from, to): (f64, f64), at: f64) -> Option<f64> {
         let Some(normal) = self.normal else {
             return (self.parameter <= to).then_some(self.parameter.max(at));
@@ -100,7 +100,7 @@ impl FeedBoundary {
             }
             before = u;
         }
-        // Beyond the reach it has passed the joint, whatever the plane says.
+        // Beyond the reach the path has passed the joint, on either side of the plane.
         (high < to).then_some(high)
     }
 }

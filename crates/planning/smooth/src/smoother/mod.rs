@@ -191,7 +191,7 @@ impl Smoother {
                 self.active[i] |= first[i] != 0.0;
             }
             if self.active != before && matches!(self.state, State::BlendZone { .. }) {
-                // What is placed but not final may now move in these axes too.
+                // Control points that are not final may now move in these axes too.
                 self.zone.measure(&self.chain, &self.active);
             }
         }

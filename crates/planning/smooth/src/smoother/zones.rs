@@ -220,11 +220,11 @@ impl Smoother {
         bad
     }
 
-    /// Outputs a final interval, divided where another feed counts.
+    /// Outputs a final interval, divided where the feed changes.
     fn output_interval(&mut self, spline: &Spline, (from, to): (f64, f64), out: &mut Vec<Output>) {
         let mut at = from;
         loop {
-            // Joints at which the feed does not change need not be looked at again.
+            // Joints at which the feed does not change need not be examined again.
             while let (Some(here), Some(next)) = (
                 self.chain.get(self.feed_segment),
                 self.chain.get(self.feed_segment + 1),
