@@ -1,9 +1,10 @@
-//! Angles of unlimited rotary axes, whose coordinates count on over the turns.
+//! Angles of unlimited rotary axes, whose coordinates continue beyond one turn.
 
 /// Degrees of a turn.
 pub const TURN_DEG: f64 = 360.0;
 
-/// Rounding of an angle, degrees: an axis that is at an angle does not turn once more to reach it.
+/// Rounding error of an angle, degrees, below which an axis counts as being at the angle and does not turn
+/// once more.
 const ROUNDING_DEG: f64 = 1e-6;
 
 /// The angle as it is displayed, 0 to below 360 degrees. NaN stays NaN.

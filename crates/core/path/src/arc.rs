@@ -19,7 +19,6 @@ use crate::{Axes, CurveError, Jet, Plane, Sense};
 ///
 /// Points are computed from the start point by the sine and versine of the swept angle, not from the centre.
 /// A flat arc about a centre 100 km away is therefore as accurate as any other.
-/// a flat arc about a centre 100 km away is as exact as any other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arc {
     plane: Plane,

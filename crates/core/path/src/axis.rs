@@ -59,7 +59,7 @@ impl AxisLetter {
         b"XYZABCUVW"[self as usize] as char
     }
 
-    /// The letter of the axis with this index, or `?` if there is none: for messages about what others sent.
+    /// The letter of the axis with this index, or `?` if there is none: for messages about received data.
     ///
     /// ```
     /// assert_eq!(evolvent_path::AxisLetter::letter_of(4), 'B');

@@ -47,7 +47,7 @@ pub struct Involute {
     roll: Roll,
 }
 
-/// What the end of an involute is compared with.
+/// Properties of both ends, for the comparison of the programmed end with the involute.
 struct Ends {
     /// Roll angle at the inner end.
     phi_in: f64,
@@ -158,8 +158,8 @@ impl Involute {
         Ok(involute)
     }
 
-    /// Rotates the curve onto its programmed end, if that is near enough, and keeps the rest as an offset of
-    /// the end.
+    /// Rotates the curve onto its programmed end if that is near enough, and keeps the remaining distance as
+    /// an offset of the end.
     fn meet_end(
         &mut self,
         r: f64,

@@ -80,8 +80,8 @@ impl FeedMetric {
 
 /// A feed and the axes to which it refers.
 ///
-/// A smoothed path deviates from its blocks: where only a rotary axis is programmed, X may still move by a
-/// rest of the block before. The feed refers to the axes of the block all the same.
+/// A smoothed path deviates from its blocks: if only a rotary axis is programmed, X may still move by the
+/// remainder of the previous block. The feed refers to the axes of the block in this case too.
 ///
 /// ```
 /// use evolvent_path::{Axes, AxisLetter, Feed, FeedMetric};
@@ -96,7 +96,7 @@ impl FeedMetric {
 pub struct Feed {
     /// Speed in the metric, mm/s or degrees/s; infinite for rapids.
     pub mm_s: f64,
-    /// The metric of the block; that of the motion itself if there is none.
+    /// The metric of the block; without one, the metric of the motion itself.
     pub metric: Option<FeedMetric>,
 }
 

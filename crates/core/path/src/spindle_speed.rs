@@ -47,8 +47,8 @@ impl SpindleSpeed {
         self.overridden_rpm_at(x_mm, 1.0, MAX_RPM)
     }
 
-    /// The same with an override (`ratio`, 1 at 100 %) and at most `max_rpm` of the spindle. The maximum of a
-    /// surface speed is kept whatever the override is: it is what the chuck can bear. Real-time safe.
+    /// The same with an override (`ratio`, 1 at 100 %) and at most `max_rpm` of the spindle. No override
+    /// exceeds the maximum of a surface speed, which is that of the chuck. Real-time safe.
     #[must_use]
     pub fn overridden_rpm_at(&self, x_mm: f64, ratio: f64, max_rpm: f64) -> f64 {
         let rpm = match self {
@@ -58,7 +58,7 @@ impl SpindleSpeed {
         rpm.min(max_rpm).clamp(0.0, MAX_RPM)
     }
 
-    /// The maximum of a surface speed, rpm: closer to the centre the speed is constant. Infinite of a
+    /// The maximum of a surface speed, rpm: nearer to the centre the speed is constant. Infinite for a
     /// constant speed.
     #[must_use]
     pub fn max_rpm(&self) -> f64 {
@@ -88,7 +88,7 @@ impl SurfaceSpeed {
         let radius_mm = (x_mm - self.centre_mm).abs();
         let speed_m_min = ratio * self.speed_m_min;
         if speed_m_min <= 0.0 {
-            // Also at the centre.
+            // At the centre too.
             return 0.0;
         }
         (1000.0 * speed_m_min / (TAU * radius_mm)).min(self.max_rpm)

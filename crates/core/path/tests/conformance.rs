@@ -79,8 +79,8 @@ fn jets_are_the_derivatives_of_position() {
             let ratio = |a: &Axes, b: &Axes| if b.norm() > 0.0 { a.norm() / b.norm() } else { 0.0 };
             let bend = ratio(&jet.second, &jet.first).max(ratio(&jet.third, &jet.second));
             let h = (domain / 400.0).min(0.04 / bend.max(1e-300));
-            // Where the section near the base circle ends only three derivatives agree: no difference across
-            // it.
+            // At the end of the section near the base circle only three derivatives are continuous: no
+            // difference across it.
             if matches!(curve, Curve::Involute(_))
                 && is_regular(&curve, u - 4.0 * h) != is_regular(&curve, u + 4.0 * h)
             {
