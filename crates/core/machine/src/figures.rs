@@ -61,9 +61,9 @@ pub fn figures_svg(input: &RateInput, title: &str) -> Result<String, FigureError
     figures_svg_of_axes(input, &[], title)
 }
 
-/// As [`figures_svg`], with one figure 3 for each axis with its own limits, as in the paper (3a, 3b, ..):
-/// acceleration of one axis and jerk of another belong to no motion. Without axes there is one figure 3, for
-/// `input`.
+/// As [`figures_svg`], with one figure 3 for each axis with its own limits, as in the paper (3a, 3b, ..): no
+/// motion has the acceleration limit of one axis and the jerk limit of another. Without axes there is one
+/// figure 3, for `input`.
 ///
 /// # Errors
 /// As [`figures_svg`], also for the limits of an axis.

@@ -99,24 +99,25 @@ pub(crate) struct HomingFile {
     pub(crate) index_edge: Option<EdgeFile>,
 }
 
-/// By what an axis finds machine zero.
+/// How an axis finds machine zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum HomingMethod {
     /// The edge at which the home switch closes, at the speed of the second approach.
     Switch,
     /// The first index pulse of the encoder after an edge of the home switch.
     SwitchThenIndex {
-        /// The edge at which the switch opens, on the way off it; otherwise the one at which it closes, on the way onto it.
+        /// Whether the edge is the one at which the switch opens, as the axis leaves it; otherwise it is the
+        /// one at which the switch closes, as the axis reaches it.
         when_opening: bool,
-        /// How far after the edge the pulse comes at most, mm or degrees.
+        /// Maximum distance of the pulse after the edge, mm or degrees.
         within: f64,
     },
     /// The next index pulse, without a switch.
     Index {
-        /// How far away it is at most, mm or degrees.
+        /// Maximum distance of the pulse, mm or degrees.
         within: f64,
     },
-    /// Nothing is searched: the encoder knows machine zero, as its drive says.
+    /// No search: the drive reports an absolute position.
     Absolute,
 }
 
@@ -125,17 +126,18 @@ pub enum HomingMethod {
 pub struct HomingSettings {
     /// The axis.
     pub axis: AxisLetter,
-    /// By what it finds machine zero.
+    /// How it finds machine zero.
     pub method: HomingMethod,
-    /// Its place in the sequence, the smallest first.
+    /// Its position in the sequence; the smallest number comes first.
     pub order: u32,
-    /// Whether switch or index pulse are searched towards smaller coordinates.
+    /// Whether the switch or the index pulse is searched towards smaller coordinates.
     pub negative: bool,
     /// Speed of the search, mm/s or degrees/s.
     pub search_velocity: f64,
-    /// Speed of the second approach, and at which the index pulse is searched, mm/s or degrees/s.
+    /// Speed of the second approach and of the search for the index pulse, mm/s or degrees/s.
     pub latch_velocity: f64,
-    /// Machine coordinate of what is found: of the edge at which the switch closes, or of the index pulse, mm or degrees.
+    /// Machine coordinate of the reference: of the edge at which the switch closes, or of the index pulse, mm
+    /// or degrees.
     pub reference: f64,
 }
 

@@ -22,8 +22,9 @@ use crate::signals::SignalSettings;
 pub const MIN_RATE_HZ: f64 = 250.0;
 /// Maximum control rate, Hz.
 pub const MAX_RATE_HZ: f64 = 35_000.0;
-/// How far a program may turn an unlimited rotary axis, degrees either way. The planner was seen to plan single moves of 3e6 degrees,
-/// and to fail at 1e7. `serve` takes whole turns off where the axis rests.
+/// Maximum distance that a program may turn an unlimited rotary axis, degrees in either direction. Measured:
+/// the planner plans single moves of 3e6 degrees and fails at 1e7. `serve` removes whole turns while the axis
+/// is at rest.
 pub const UNLIMITED_DEG: f64 = 1e6;
 /// Maximum length of a machine file, bytes.
 pub const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -171,7 +172,8 @@ pub struct Axis {
     pub following_error: f64,
     /// Permitted following error in motion, as the travel in this time at the present velocity, s.
     pub following_time_s: f64,
-    /// The direction of G90 on an unlimited rotary axis, whose travel is [`UNLIMITED_DEG`] either way.
+    /// The direction of G90 on an unlimited rotary axis, whose travel is [`UNLIMITED_DEG`] in either
+    /// direction.
     pub unlimited: Option<RotaryWay>,
 }
 
@@ -446,8 +448,8 @@ pub struct Machine {
     pub drives: DriveSettings,
     /// Resources for programs.
     pub program: ProgramSettings,
-    /// Axes homed to a switch, in the order of the file. The others are at their home position from the start, or at the
-    /// position that their drives report.
+    /// Axes that are homed, in the order of the file. The others are at their home position from the start,
+    /// or at the position that their drives report.
     pub homing: Vec<HomingSettings>,
     /// Inputs, outputs, spindles and the emergency-stop chain.
     pub signals: SignalSettings,
@@ -455,7 +457,7 @@ pub struct Machine {
     pub handwheel: Option<HandwheelSettings>,
     /// Backlash, screw error, squareness and thermal offset.
     pub corrections: CorrectionSettings,
-    /// Values that are possible, but those of no machine: each with file, line, column, key and what to do.
+    /// Possible but implausible values: each with file, line, column, key and what to do.
     pub warnings: Vec<String>,
 }
 

@@ -214,7 +214,7 @@ pub struct SpindleSettings {
     pub at_speed_timeout_s: f64,
     /// Rate of change of the speed, rpm per second, if known.
     pub acceleration_rpm_s: Option<f64>,
-    /// Maximum rate of change of the commanded speed, rpm per second; none where it changes at once.
+    /// Maximum rate of change of the commanded speed, rpm per second; `None` if it changes at once.
     pub ramp_rpm_s: Option<f64>,
 }
 
@@ -237,7 +237,8 @@ impl SpindleSettings {
         self.at_speed == AtSpeed::Feedback
     }
 
-    /// Rate at which it brakes and reverses, rpm per second, if known: the smaller of the spindle's own and that of its command.
+    /// Rate at which it brakes and reverses, rpm per second, if known: the smaller of the spindle's own rate
+    /// and that of its command.
     #[must_use]
     pub fn braking_rpm_s(&self) -> Option<f64> {
         let rates = [self.acceleration_rpm_s, self.ramp_rpm_s].into_iter().flatten();

@@ -64,8 +64,8 @@ fn tables_of_all_formats_are_read_into_corrections() {
         (-100.0, -0.003, 0.0025),
         (0.0, 0.0, 0.005),
         (100.0, 0.004, 0.009),
-        // The slopes at the end are 0.0425 and 0.04375 um/mm; half-way 5/12 of 100 mm of them have been
-        // added, and 1/2 in the end.
+        // The slopes at the end are 0.0425 and 0.04375 um/mm; half-way the curve has gained 5/12 of 100 mm
+        // times the slope, and 1/2 at the end.
         (
             150.0,
             0.004 + 0.004_25 * 5.0 / 12.0,
@@ -151,8 +151,8 @@ fn squareness_and_thermal_inputs_are_read() {
     assert!((after[5000] - 5.025).abs() < 1e-4 && (after[11_999] - 5.03).abs() < 1e-9);
 }
 
-/// While an axis moves by 100 mm the tool drifts by what the key of the pair says, and by nothing else: the
-/// slides go back as much.
+/// While an axis moves by 100 mm, the tool drifts by the value of the pair's key and by nothing else: the
+/// slides compensate it.
 #[test]
 fn each_pair_of_axes_has_its_own_squareness() {
     let z = Y.replace("\"Y\"", "\"Z\"");

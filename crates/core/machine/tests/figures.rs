@@ -104,7 +104,7 @@ fn labels_do_not_overlap() {
                     Some("middle") => 0.5,
                     _ => 0.0,
                 };
-        // The way plotters writes vertical alignment.
+        // plotters writes vertical alignment this way.
         let bottom = number("y")
             + size
                 * match attribute("dy").as_deref() {
@@ -212,7 +212,7 @@ fn any_limits_with_a_rate_have_figures() {
 
 #[test]
 fn figure_3_is_drawn_for_each_axis_by_its_own_limits() {
-    // Mikron UCP 710: jerk rules below 625 mm on X and below 3.7 mm on Z.
+    // Mikron UCP 710: jerk is the active limit below 625 mm on X and below 3.7 mm on Z.
     let x = RateInput {
         max_feed_mm_s: 500.0,
         acceleration_mm_s2: 2500.0,
@@ -236,7 +236,7 @@ fn figure_3_is_drawn_for_each_axis_by_its_own_limits() {
         heads[0].contains("limits of X") && heads[1].contains("limits of Z"),
         "{heads:?}"
     );
-    // The line of X's jerk is that of X alone: at 100 mm it permits 60 cbrt(5000 1e4) = 22 104 mm/min, Z's 47
+    // The line of X's jerk uses X alone: at 100 mm it permits 60 cbrt(5000 1e4) = 22 104 mm/min; Z permits 47
     // 622.
     let alone = figures_svg_of_axes(&x, &[('X', x)], "ucp").unwrap();
     // Height of the line over radius in the first figure, independent of the numbering of lines.

@@ -1,4 +1,4 @@
-//! Values that are possible, but those of no machine.
+//! Values that are possible but implausible.
 #![expect(
     clippy::unwrap_used,
     reason = "clippy does not recognise the helpers of these tests as test code"
@@ -81,7 +81,7 @@ fn limits_of_no_machine_are_warned_of_at_their_key() {
         };
         assert!(found.iter().any(has), "{to}: {found:?}");
     }
-    // Slow planers, linear motors and soft machines are machines.
+    // Slow planers, linear motors and soft machines are plausible.
     for (from, to) in [
         ("max_acceleration_m_s2 = 5", "max_acceleration_g = 0.01"),
         ("max_acceleration_m_s2 = 5", "max_acceleration_m_s2 = 300"),
@@ -111,7 +111,7 @@ fn a_switch_that_the_search_does_not_reach_is_warned_of() {
             "{found:?}"
         );
     }
-    // The pulse comes up to `index_within_mm` after the edge of the switch, or after the start.
+    // The pulse is up to `index_within_mm` after the edge of the switch, or after the start.
     for (method, words) in [
         (
             "switch-index",

@@ -172,7 +172,7 @@ impl Check<'_> {
         self.number(&format!("{at}.home_deg"), home, -360.0, 360.0)
     }
 
-    /// Velocity, acceleration and jerk, each from the one key that is given.
+    /// Velocity, acceleration and jerk, each from the key that is present.
     fn axis_limits(&self, at: &str, raw: &AxisFile, rotary: bool) -> Result<[f64; 3], MachineError> {
         let (velocity, acceleration, jerk) = if rotary {
             (

@@ -1,4 +1,4 @@
-//! How the axes of a machine file are homed.
+//! Checks the homing of the axes of a machine file.
 
 use evolvent_config::shortened;
 use evolvent_path::{AxisLetter, TURN_DEG};
@@ -121,7 +121,7 @@ impl HomingKeys<'_> {
         })
     }
 
-    /// Machine coordinate of what is found.
+    /// Machine coordinate of the reference.
     fn reference(&self) -> Result<f64, MachineError> {
         let file = self.file;
         let (name, value) = match file.method {
@@ -140,7 +140,7 @@ impl HomingKeys<'_> {
         Ok(value)
     }
 
-    /// Keys that mean nothing with this method.
+    /// Rejects keys that have no meaning with this method.
     fn refuse_other_keys(&self) -> Result<(), MachineError> {
         let (file, method) = (self.file, self.file.method);
         let given = |mm: Option<f64>, deg: Option<f64>| mm.is_some() || deg.is_some();

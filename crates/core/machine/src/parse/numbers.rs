@@ -91,7 +91,8 @@ impl Check<'_> {
     }
 }
 
-/// A limit in another unit without the error of the conversion: 1e-9 instead of 9.999999999999999e-10.
+/// Rounds a limit in another unit to remove the error of the conversion: 1e-9 instead of
+/// 9.999999999999999e-10.
 fn as_written(limit: f64) -> f64 {
     format!("{limit:.12e}").parse().unwrap_or(limit)
 }

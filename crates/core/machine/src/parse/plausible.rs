@@ -1,11 +1,11 @@
-//! Values of a machine file that are possible, but those of no machine: warnings.
+//! Warnings for values of a machine file that are possible but implausible.
 
 use super::Check;
 use crate::file::{AxisFile, MachineFile};
 use crate::homing::{HomingMethod, HomingSettings};
 use crate::machine::Axis;
 
-/// Speeds of machine tools are between those of the slowest feed and of the fastest linear motor, mm/s.
+/// Plausible speeds, from the slowest feed to the fastest linear motor, mm/s.
 const LINEAR_SPEED: [f64; 2] = [0.1, 20_000.0];
 /// The same from the slowest dividing head to spindles that are driven as axes (100 000 rpm), degrees/s.
 const ROTARY_SPEED: [f64; 2] = [0.1, 600_000.0];
@@ -15,12 +15,12 @@ const MAX_ACCELERATION_MM_S2: f64 = 500_000.0;
 const MAX_TIME_TO_SPEED_S: f64 = 60.0;
 /// The softest machines need a tenth of a second to reach their acceleration.
 const MAX_TIME_TO_ACCELERATION_S: f64 = 5.0;
-/// Fraction of the travel by which the search for a switch may exceed it. An axis that is not homed may stand
-/// as far beyond.
+/// Fraction of the travel by which the search for a switch may exceed it. An axis that is not homed may be
+/// that far outside.
 const SEARCH_BEYOND: f64 = 0.1;
 
 impl Check<'_> {
-    /// The warnings, with file, line, key and what to do, as errors have them.
+    /// The warnings, with file, line, key and what to do, in the form of errors.
     pub(super) fn warnings(
         &self,
         raw: &MachineFile,
@@ -86,7 +86,7 @@ impl Check<'_> {
         found
     }
 
-    /// A switch or index pulse that the search does not reach, wherever in the travel it begins.
+    /// Warns of a switch or index pulse that the search does not reach from any position in the travel.
     fn of_homing(&self, at: &str, settings: &HomingSettings, axis: &Axis) -> Option<String> {
         if axis.unlimited.is_some() {
             return None;
@@ -125,7 +125,7 @@ impl Check<'_> {
     }
 }
 
-/// The keys with which velocity, acceleration and jerk are given.
+/// The keys of velocity, acceleration and jerk.
 fn keys_of(raw: &AxisFile) -> [&'static str; 3] {
     let given = |keys: &[(&'static str, Option<f64>)]| {
         let key = keys.iter().find(|(_, value)| value.is_some());

@@ -1,4 +1,4 @@
-//! Checks inputs, outputs, spindles and the emergency-stop chain, also against one another.
+//! Checks inputs, outputs, spindles and the emergency-stop chain, each alone and in combination.
 
 use std::collections::BTreeMap;
 
