@@ -80,7 +80,7 @@ impl Compensation {
         self.squareness.tool(&slides)
     }
 
-    /// At rest: the coordinates of the present position change to `position`. Directions are kept. Real-time
+    /// Changes the coordinates of the present position to `position`, at rest. Directions are kept. Real-time
     /// safe.
     pub fn rebase_position(&mut self, position: &Axes) {
         let slides = self.squareness.slides(position);

@@ -40,7 +40,7 @@ impl Direction {
         self.sign
     }
 
-    /// The coordinates of the present position change to `position`; the direction is kept. Real-time safe.
+    /// Changes the coordinates of the present position to `position`; the direction is kept. Real-time safe.
     pub fn rebase_position(&mut self, position: f64) {
         self.farthest = position;
     }

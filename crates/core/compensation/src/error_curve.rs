@@ -128,13 +128,13 @@ impl ErrorCurve {
 /// algorithm on a diagonally dominant tridiagonal system.
 fn slopes(positions: &[f64], values: &[f64]) -> Vec<f64> {
     let last = positions.len() - 1;
-    // Of an interval: what it adds to the diagonal's half and to the right side.
+    // For an interval: its contribution to half of the diagonal, and to the right side.
     let interval = |i: usize| {
         let h = positions[i + 1] - positions[i];
         (1.0 / h, 3.0 * (values[i + 1] - values[i]) / (h * h))
     };
     let mut slopes = vec![0.0; last + 1];
-    // Of the previous row, normalised: the factor of the next slope.
+    // For the previous row, normalised: the factor of the next slope.
     let mut above = vec![0.0; last + 1];
     let (mut lower, mut right0) = (0.0, 0.0);
     for i in 0..=last {

@@ -329,7 +329,7 @@ fn a_random_curve_is_smooth_and_within_its_maxima() {
     }
 }
 
-/// A laser finds 0.2 um per mm on the whole of a screw, measured at any places.
+/// A laser measures 0.2 um per mm over the whole screw, at any positions.
 #[test]
 fn a_uniform_error_of_pitch_stays_uniform() {
     for positions in [
