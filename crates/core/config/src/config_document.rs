@@ -51,7 +51,7 @@ impl<'a> ConfigDocument<'a> {
         Ok(Self { file, text, content })
     }
 
-    /// Parses TOML, whatever the name of the file.
+    /// Parses TOML, independent of the file name.
     ///
     /// # Errors
     /// [`ConfigError`] with line and column if the text is not valid TOML.
@@ -163,7 +163,7 @@ impl<'a> ConfigDocument<'a> {
     /// # Errors
     /// [`ConfigError`] at the position of `key` (dotted, `mode[1].frequency_hz`) if it is not, or is NaN.
     pub fn number(&self, key: &str, value: f64, min: f64, max: f64) -> Result<(), ConfigError> {
-        // NaN is in no range.
+        // No range contains NaN.
         if (min..=max).contains(&value) {
             return Ok(());
         }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::output_file::is_stream;
 
-/// Why files cannot be written as they are named: one would replace another.
+/// Why files cannot be written under their names: one would replace another.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum OutputConflict {
     /// An output is a file that is read.
@@ -12,10 +12,10 @@ pub enum OutputConflict {
     Input {
         /// The output.
         path: PathBuf,
-        /// What is read from it, as in "the program".
+        /// Description of the input, for example "the program".
         what: String,
     },
-    /// Two outputs are one file.
+    /// Two outputs are the same file.
     #[error("{} and {} are one file, named for two outputs; name two files", first.display(), path.display())]
     Twice {
         /// The first output.
@@ -31,11 +31,11 @@ pub enum OutputConflict {
     },
 }
 
-/// Compares the files that a command writes with those that it reads, and with one another, before anything
-/// is written.
+/// Compares the files that a command writes with those that it reads, and with each other, before anything is
+/// written.
 ///
-/// Files are the same by device and inode: another spelling of the path and links of both kinds lead to the
-/// same file. A device, a pipe or a socket is no file: it may be named for several outputs.
+/// Files are equal if device and inode are equal: other spellings of the path and links of both kinds name
+/// the same file. Devices, pipes and sockets are exempt: several outputs may name the same one.
 ///
 /// ```
 /// # let folder = tempfile::tempdir()?;
@@ -81,14 +81,14 @@ pub fn check_outputs<'a>(
     Ok(())
 }
 
-/// Which file a path names.
+/// The identity of the file that a path names.
 #[derive(Debug, PartialEq, Eq)]
 enum Identity {
     /// Device and inode.
     File(u64, u64),
-    /// A name that is free in a folder, by device and inode of the folder.
+    /// An unused name in a folder, by device and inode of the folder.
     Free(u64, u64, OsString),
-    /// In a folder that does not exist, or cannot be examined.
+    /// A path in a folder that does not exist or cannot be examined.
     Unknown(PathBuf),
 }
 
@@ -129,7 +129,7 @@ mod tests {
                 "{same}: {error:?}"
             );
         }
-        // Neither of them exists yet.
+        // Neither of the two exists yet.
         let (new, again) = (at("new"), at("inner/../new"));
         let error = check_outputs([new.as_path(), &again], []).unwrap_err();
         assert!(matches!(error, OutputConflict::Twice { .. }), "{error}");

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
-/// A file that is either written completely or stays what it was.
+/// A file that is written either completely or not at all.
 ///
-/// The bytes go to a hidden file in the same folder, which [`OutputFile::finish`] puts on disk and renames. A
-/// file that is dropped before is removed. The rights of a file that is replaced stay as they were, and a
-/// symbolic link stays a link.
+/// The bytes go to a hidden file in the same folder, which [`OutputFile::finish`] syncs to disk and renames.
+/// Dropping it earlier removes the hidden file. A replaced file keeps its permissions, and a symbolic link
+/// stays a link.
 ///
-/// A device, a pipe or a socket is written to as it is: it has nothing to keep whole, and a rename would put
-/// an ordinary file in the place of `/dev/null`.
+/// A device, a pipe or a socket is written directly: it has no content to protect, and a rename would replace
+/// `/dev/null` by an ordinary file.
 ///
 /// Not for the cycle: it waits for the disk.
 ///
@@ -36,13 +36,13 @@ pub struct OutputFile {
 
 #[derive(Debug)]
 enum Target {
-    /// Written beside the path that it is to have.
+    /// Written to a temporary file beside the final path.
     Beside(NamedTempFile, PathBuf),
     Stream(File),
 }
 
 impl OutputFile {
-    /// Begins to write; what `path` names now stays until the end.
+    /// Starts to write; the present file remains until the end.
     ///
     /// # Errors
     /// The folder does not exist or is not writable, `path` is a folder, or the device cannot be opened.
@@ -59,17 +59,17 @@ impl OutputFile {
         Ok(Self { target, bytes: 0 })
     }
 
-    /// Puts everything on disk under its name; returns the number of bytes.
+    /// Writes everything to disk under its final name; returns the number of bytes.
     ///
     /// # Errors
-    /// The disk is full, or the name cannot be given: the earlier file is unchanged then.
+    /// The disk is full, or the file cannot be renamed. The previous file is then unchanged.
     pub fn finish(self) -> io::Result<u64> {
         match self.target {
             Target::Stream(mut stream) => stream.flush()?,
             Target::Beside(aside, path) => {
                 aside.as_file().sync_all()?;
                 aside.persist(&path).map_err(|error| error.error)?;
-                // Some file systems cannot put a folder on disk; the file is complete in any case.
+                // Some file systems cannot sync a folder; the file is complete in any case.
                 let _ = File::open(folder_of(&path)).and_then(|folder| folder.sync_all());
             }
         }
@@ -105,7 +105,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     output.finish().map(drop)
 }
 
-/// Whether a path names something that bytes are sent to, and no file: a device, a pipe or a socket.
+/// Whether a path names a device, a pipe or a socket instead of a file.
 #[must_use]
 pub fn is_stream(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
@@ -120,8 +120,8 @@ fn hidden_file(path: &Path) -> io::Result<NamedTempFile> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        // A temporary file is private to its owner otherwise; a new file has the rights that the user's mask
-        // leaves.
+        // By default a temporary file is private to its owner; a new file gets the permissions of the user's
+        // umask.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let aside = builder.tempfile_in(folder_of(path))?;
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn a_device_stays_a_device() {
-        // A node of its own, where the user may make one; /dev/null of the machine is too dear to try it on.
+        // Uses its own device node if the user may create one: the test must not risk the host's /dev/null.
         let folder = tempfile::tempdir().unwrap();
         let node = folder.path().join("null");
         let made = std::process::Command::new("mknod")

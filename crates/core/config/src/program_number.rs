@@ -1,4 +1,4 @@
-//! Numbers of written part programs.
+//! Numbers in generated part programs.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -20,8 +20,8 @@ pub struct ProgramNumber {
 }
 
 impl ProgramNumber {
-    /// The shortest decimal that reads back as the same bits: for numbers that the user gave, or from which
-    /// others follow.
+    /// The shortest decimal that reads back as the same bits: for numbers given by the user, and numbers from
+    /// which others follow.
     #[must_use]
     pub const fn exact(value: f64) -> Self {
         Self {
@@ -30,8 +30,8 @@ impl ProgramNumber {
         }
     }
 
-    /// Nine decimals if those are the number but for errors of arithmetic, otherwise all of it: for computed
-    /// coordinates, which end exactly where the next curve begins.
+    /// Nine decimals if they differ from the value only by rounding errors, otherwise all digits: for
+    /// computed coordinates, which have to end exactly where the next curve begins.
     #[must_use]
     pub fn without_noise(value: f64) -> Self {
         let short = (value * 1e9).round() * 1e-9;

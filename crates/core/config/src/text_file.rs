@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use crate::file::read_regular;
 
-/// Why a file gives no text.
+/// Why a file cannot be read as text.
 #[derive(Debug, Error)]
 pub enum TextFileError {
     /// The file cannot be read.
@@ -15,7 +15,7 @@ pub enum TextFileError {
     Read {
         /// The file as given.
         file: String,
-        /// What it should be, such as "board file".
+        /// Kind of file, for example "board file".
         kind: String,
         /// The error of the operating system.
         source: io::Error,
@@ -25,7 +25,7 @@ pub enum TextFileError {
     TooLong {
         /// The file as given.
         file: String,
-        /// What it should be.
+        /// Kind of file.
         kind: String,
         /// Maximum size.
         max_bytes: u64,
@@ -35,13 +35,13 @@ pub enum TextFileError {
     NotText {
         /// The file as given.
         file: String,
-        /// The first byte that is not, from 0.
+        /// Offset of the first invalid byte.
         byte: usize,
     },
 }
 
-/// The text of a regular file of at most `max_bytes`, and the name of the file for messages; `kind` says what
-/// it should be.
+/// The text of a regular file of at most `max_bytes`, and the name of the file for messages. `kind` is the
+/// kind of file, for messages.
 ///
 /// # Errors
 /// The file cannot be read in time, is too long, or is not UTF-8.

@@ -31,11 +31,11 @@ fn shortened_to(text: &str, most_chars: usize) -> String {
     }
 }
 
-/// Numbers with more digits are put as [`plain`] puts them. Those of a double number are 17, and a file may
-/// write some more.
+/// Numbers with more digits are formatted by [`plain`]. A double has up to 17 digits, and a file may contain
+/// a few more.
 const MAX_DIGITS: usize = 24;
 
-/// A message in which no number fills lines: others format what a user has written as it comes.
+/// Shortens long numbers in a message: other crates format the user's numbers with all digits.
 pub(crate) fn with_plain_numbers(message: String) -> String {
     if message.len() <= MAX_DIGITS {
         return message;
@@ -47,7 +47,7 @@ pub(crate) fn with_plain_numbers(message: String) -> String {
         let (before, from) = rest.split_at(start);
         let (number, after) = from.split_at(from.find(|letter| !is_digit(letter)).unwrap_or(from.len()));
         text.push_str(before);
-        // The last may be the full stop of a sentence.
+        // A trailing dot may be the full stop of a sentence.
         let digits = number.trim_end_matches('.');
         match digits.parse() {
             Ok(value) if digits.len() > MAX_DIGITS => {
