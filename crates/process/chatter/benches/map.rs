@@ -1,9 +1,9 @@
-//! A map of 100 x 100 cuts by harmonic balance, and how long integration in time takes for the same answers.
+//! A map of 100 x 100 cuts by harmonic balance, and the time that integration takes for the same results.
 //!
-//! `cargo bench -p evolvent-chatter`. Integration answers a sample of the cells (every 9th speed and depth),
-//! one thread against one in processor time, with steps of a relative accuracy of 1e-7. For each it follows a
-//! small and a large disturbance until the amplitude is within 1e-4 of where it settles, judged from windows
-//! of 20 periods, or has died out. It never sees an unstable cycle.
+//! `cargo bench -p evolvent-chatter`. Integration computes a sample of the cells (every 9th speed and depth),
+//! with steps of a relative accuracy of 1e-7; one thread is compared with one in processor time. For each
+//! cell it follows a small and a large disturbance until the amplitude has died out or is within 1e-4 of its
+//! limit, judged from windows of 20 periods. It never finds an unstable cycle.
 
 #![expect(
     clippy::print_stdout,
@@ -23,7 +23,7 @@ use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
 const COUNT: usize = 100;
 /// Columns that one thread computes together.
 const STRIP: usize = 25;
-/// Simulated time after which a disturbance that has neither settled nor died is given up, s.
+/// Simulated time after which a disturbance that has neither settled nor died out is abandoned, s.
 const LONGEST_S: f64 = 3.0;
 
 fn main() {
@@ -40,7 +40,7 @@ fn main() {
     }
 }
 
-/// Processor time of this thread: what else runs on the machine does not count.
+/// Processor time of this thread, independent of the load of the host.
 fn processor_time() -> Duration {
     let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     Duration::new(now.tv_sec.unsigned_abs(), u32::try_from(now.tv_nsec).unwrap_or(0))
@@ -146,7 +146,7 @@ fn compare(law: &ForceLaw, ratio: f64) {
     );
 }
 
-/// Verdict and amplitude (of V2, largest settled) by following a small and a large disturbance.
+/// Verdict and amplitude (of V2, the largest settled one) from a small and a large disturbance.
 fn integrated(model: &Model<'_>) -> Option<(Verdict, f64)> {
     let Ok(rest) = model.equilibrium() else {
         return Some((Verdict::OutOfModel, 0.0));
@@ -208,7 +208,7 @@ fn follow(model: &Model<'_>, rest: [f64; 2], kick: f64) -> Outcome {
         if amplitude < 1e-3 * first {
             return Outcome::Died;
         }
-        // What is still to come, if changes go on falling as they do.
+        // The remaining change if changes continue to fall at the same rate.
         let (next, last) = (amplitude - before, change);
         let ratio = (next / last).abs();
         if ratio < 1.0 && (next * ratio / (1.0 - ratio)).abs() < 1e-4 * amplitude {
@@ -219,7 +219,7 @@ fn follow(model: &Model<'_>, rest: [f64; 2], kick: f64) -> Outcome {
     Outcome::Unfinished
 }
 
-/// Half of the distance between the extremes, each of the parabola through three samples.
+/// Half of the distance between the extremes, each that of the parabola through three samples.
 fn half_peak_to_peak(values: &[f64]) -> f64 {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for three in values.windows(3) {

@@ -1,19 +1,19 @@
-//! The exponential Adams method: both oscillators exactly, the force between samples by the polynomial
-//! through the last five.
+//! The exponential Adams method: exact oscillators, and a force between samples by the polynomial through the
+//! last five samples.
 //!
 //! Over a step `h` each axis moves as `x(h) = exp(A h) x(0) + 1/m integral of exp(A (h - s)) (0, 1) F(s) ds`.
-//! With the force extrapolated by Lagrange's polynomials through its last five samples the integral is a sum
-//! of these with constant weights (Adams and Bashforth's for A = 0), so that a step needs one evaluation of
-//! the force. The force changes the motion by a few percent a period; of that, 24 steps a period leave 4e-4.
-//! The classical Runge-Kutta method needs four evaluations and leaves more, because it approximates the
-//! oscillators as well.
+//! The force is extrapolated by Lagrange polynomials through its last five samples, so the integral is a sum
+//! of these with constant weights (those of Adams and Bashforth for A = 0), and a step needs one evaluation
+//! of the force. The force changes the motion by a few percent per period; with 24 steps per period the error
+//! of this is 4e-4. The classical Runge-Kutta method needs four evaluations and has a larger error, because
+//! it approximates the oscillators as well.
 
 use crate::error::ChatterError;
 use crate::model::{Model, PrincipalAxis, State};
 
-/// Samples of the force that are extrapolated.
+/// Number of samples of the force that are extrapolated.
 const SAMPLES: usize = 5;
-/// Nodes and weights of Gauss's quadrature on (0, 1), exact to degree 11.
+/// Nodes and weights of Gauss quadrature on (0, 1), exact to degree 11.
 const GAUSS: [[f64; 2]; 6] = [
     [0.033_765_242_898_423_99, 0.085_662_246_189_585_17],
     [0.169_395_306_766_867_74, 0.180_380_786_524_069_3],
@@ -26,9 +26,9 @@ const GAUSS: [[f64; 2]; 6] = [
 /// One axis over a step.
 #[derive(Clone, Copy, Debug)]
 struct AxisStep {
-    /// `exp(A h)`, row by row.
+    /// `exp(A h)`, by rows.
     free: [[f64; 2]; 2],
-    /// What the forces of now and of the four steps before add to deflection and velocity, per N.
+    /// Contributions of the present force and of the four previous ones to deflection and velocity, per N.
     forced: [[f64; 2]; SAMPLES],
 }
 
@@ -38,18 +38,18 @@ pub(crate) struct Adams {
     axes: [AxisStep; 2],
 }
 
-/// A motion on its way: a state and the forces of the steps before it.
+/// A motion: a state and the forces of the previous steps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AdamsMotion {
     pub(crate) state: State,
     /// On V1 and V2, the latest first.
     forces_n: [[f64; 2]; SAMPLES],
-    /// Samples that are known.
+    /// Number of known samples.
     known: usize,
 }
 
 impl AdamsMotion {
-    /// Nothing is known of what was before.
+    /// Starts without previous forces.
     pub(crate) fn new(state: State) -> Self {
         Self {
             state,
@@ -58,7 +58,7 @@ impl AdamsMotion {
         }
     }
 
-    /// Whether not even the force of now is known.
+    /// Whether the present force is unknown too.
     pub(crate) fn is_new(&self) -> bool {
         self.known == 0
     }
@@ -68,7 +68,7 @@ impl AdamsMotion {
         self.known == SAMPLES
     }
 
-    /// Takes the force of now.
+    /// Adds the present force.
     pub(crate) fn push(&mut self, force_n: [f64; 2]) {
         self.forces_n.copy_within(..SAMPLES - 1, 1);
         self.forces_n[0] = force_n;
@@ -77,7 +77,7 @@ impl AdamsMotion {
 }
 
 impl Adams {
-    /// For steps of `step_s`; None where an axis does not swing: it may be too stiff for it.
+    /// The method for steps of `step_s`; `None` if an axis is overdamped, because it may be too stiff.
     pub(crate) fn new(axes: &[PrincipalAxis; 2], step_s: f64) -> Option<Self> {
         let [first, second] = axes;
         Some(Self {
@@ -85,7 +85,7 @@ impl Adams {
         })
     }
 
-    /// The state a step later; the force of now must have been pushed.
+    /// The state after a step; the present force must have been added.
     pub(crate) fn step(&self, motion: &mut AdamsMotion) {
         let mut next = State::zeros();
         for (i, axis) in self.axes.iter().enumerate() {
@@ -110,7 +110,7 @@ impl AxisStep {
             return None;
         }
         let omega = libm::sqrt(square);
-        // The motion after a blow of 1 m/s: deflection and velocity.
+        // The motion after an impulse of 1 m/s: deflection and velocity.
         let blow = |time_s: f64| {
             let (sin, cos) = (libm::sin(omega * time_s), libm::cos(omega * time_s));
             let fall = libm::exp(-decay * time_s);
@@ -136,7 +136,7 @@ impl AxisStep {
     }
 }
 
-/// Lagrange's polynomial that is 1 at `-k` and 0 at the others of 0, -1, -2, -3, -4.
+/// The Lagrange polynomial that is 1 at `-k` and 0 at the others of 0, -1, -2, -3, -4.
 fn lagrange(k: usize, at: f64) -> f64 {
     (0..SAMPLES)
         .filter(|other| *other != k)

@@ -1,11 +1,11 @@
-//! What becomes of a cut: its cycles with their multipliers, the fate of disturbances, and the verdict.
+//! Assesses a cut: its cycles with their multipliers, the fate of disturbances, and the verdict.
 //!
-//! Three ways look for cycles, and each covers what another may miss: harmonic balance along the branches of
-//! this cut and of its neighbours in speed and depth; disturbances followed in time, which find what
-//! attracts; and halving between a disturbance that dies out and one that does not, which finds what
-//! separates them. A cycle counts where it closes in time; what is stable is said by its Floquet multipliers.
-//! A cut is called stable only where no cycle is known, none was seen that could not be confirmed, and every
-//! disturbance that was tried has died out.
+//! Three methods search for cycles, each of which finds some that the others may miss: harmonic balance along
+//! the branches of this cut and of its neighbours in speed and depth; disturbances followed in time, which
+//! find attractors; and bisection between a disturbance that dies out and one that does not, which finds the
+//! cycle that separates them. A cycle counts if it closes in time; its Floquet multipliers decide its
+//! stability. A cut is stable only if no cycle is known, no unconfirmed cycle was found, and every tested
+//! disturbance has died out.
 
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
@@ -14,39 +14,39 @@ use crate::model::{CuttingTool, Equilibrium, Model, State};
 use crate::scan::{Branch, Prediction, Scanner};
 use crate::transient::{Fate, Follower};
 
-/// A prediction that is further off in amplitude has landed on another cycle: with five harmonics and loss of
-/// contact it is 5e-3 off, with one up to 0.1.
+/// Relative difference in amplitude from which a prediction has converged to another cycle: predictions with
+/// five harmonics and loss of contact are off by 5e-3, with one harmonic by up to 0.1.
 const LANDED_AMPLITUDE: f64 = 0.15;
 /// ... or in frequency.
 const LANDED_FREQUENCY: f64 = 3e-3;
-/// Neighbours whose cycles are continued to a cut: parts of speed and depth.
+/// Neighbours whose cycles are continued to a cut: factors on speed and depth.
 const NEIGHBOURS: [[f64; 2]; 4] = [[1.005, 1.0], [0.995, 1.0], [1.0, 1.005], [1.0, 0.995]];
-/// Numbers of harmonics with which a balance without a cycle is repeated: near the end of a branch few do not
-/// tell one.
+/// Numbers of harmonics with which a balance without a cycle is repeated: near the end of a branch, few
+/// harmonics may not find it.
 const FINER: [usize; 2] = [24, 48];
-/// Size of a large disturbance, of the largest that keeps the speed above the floor.
+/// Size of a large disturbance, relative to the maximum that keeps the speed above the floor.
 const LARGE: f64 = 0.9;
-/// ... of a middle one, where the large one does not die out.
+/// ... of a medium one, if the large one does not die out.
 const MIDDLE: f64 = 0.4;
-/// ... and of a small one, where the steady cut does not last.
+/// ... and of a small one, if the steady cut is unstable.
 const SMALL: f64 = 0.02;
 
-/// What the model says of a cut.
+/// The prediction for a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Every disturbance within the model dies out.
     Stable,
-    /// The cut is steady, but a disturbance beyond the unstable cycle grows to a vibration that lasts.
+    /// The cut is steady, but a disturbance beyond the unstable cycle grows to a lasting vibration.
     Bistable,
     /// The cut vibrates by itself.
     SelfExcited,
-    /// Vibration leaves the model, by itself or after a disturbance: it is large, and how large is not known.
-    /// Also where the balance has a cycle that integration in time neither confirms nor leads to another one.
+    /// Vibration leaves the model, by itself or after a disturbance: it is large, with an unknown amplitude.
+    /// Also if the balance has a cycle that integration in time neither confirms nor replaces by another one.
     OutOfModel,
 }
 
 impl Verdict {
-    /// As written in reports.
+    /// Its name in reports.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -58,7 +58,7 @@ impl Verdict {
     }
 }
 
-/// Which way a cycle was found first.
+/// The method that found a cycle first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FoundBy {
     /// On a branch of harmonic balance.
@@ -72,33 +72,33 @@ pub enum FoundBy {
 /// A cycle that closes in time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AssessedCycle {
-    /// As harmonics: of the balance, or of the motion in time.
+    /// Its harmonics: from the balance, or from the motion in time.
     pub cycle: Cycle,
-    /// As integration in time has it, with the multipliers.
+    /// The result of integration in time, with the multipliers.
     pub verified: Verified,
     /// How it was found.
     pub found_by: FoundBy,
 }
 
-/// Why a cycle of the balance does not count.
+/// Why a cycle of the balance is dropped.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DropReason {
-    /// Integration in time leads to another cycle, which counts by itself.
+    /// Integration in time converges to another cycle, which counts by itself.
     Landed,
-    /// It is another one again.
+    /// It equals a known cycle.
     Duplicate,
     /// It does not close in time.
     Refused(ChatterError),
-    /// In time it lies beyond the model.
+    /// In time it is outside the model.
     Outside,
-    /// In time it leads back to the steady cut.
+    /// In time it returns to the steady cut.
     Rest,
 }
 
-/// A cycle of the balance that does not count.
+/// A cycle of the balance that was dropped.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DroppedCycle {
-    /// As the balance has it.
+    /// The cycle by the balance.
     pub cycle: Cycle,
     /// Why.
     pub reason: DropReason,
@@ -107,26 +107,26 @@ pub struct DroppedCycle {
 /// A disturbance that was followed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Disturbance {
-    /// The state it begins with.
+    /// Its initial state.
     pub start: State,
-    /// Its size, m/s, as [`Follower::size_m_s`] has it.
+    /// Its size, m/s, by [`Follower::size_m_s`].
     pub size_m_s: f64,
-    /// Whether it shows what the cut does by itself.
+    /// Whether it shows the behaviour of the undisturbed cut.
     pub is_small: bool,
-    /// What became of it.
+    /// Its fate.
     pub fate: Fate,
 }
 
-/// Everything that is known of a cut.
+/// The complete result for a cut.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assessment {
     /// The steady cut.
     pub equilibrium: Equilibrium,
     /// The branches of harmonic balance.
     pub branches: Vec<Branch>,
-    /// Cycles that close in time, each once, the smallest first.
+    /// Cycles that close in time, without duplicates, in ascending order of size.
     pub cycles: Vec<AssessedCycle>,
-    /// Cycles of the balance that do not count.
+    /// Cycles of the balance that were dropped.
     pub dropped: Vec<DroppedCycle>,
     /// Disturbances that were followed.
     pub disturbances: Vec<Disturbance>,
@@ -147,17 +147,17 @@ impl Assessment {
         self.cycles.iter().rev().find(|known| known.verified.stable())
     }
 
-    /// Whether the balance has a cycle, and nobody knows whether the cut has. Newton's method misses a
-    /// strongly unstable cycle that the harmonics do not give closely enough.
+    /// Whether the balance has a cycle that is neither confirmed nor refuted. Newton's method misses a
+    /// strongly unstable cycle if the harmonics are too inaccurate.
     #[must_use]
     pub fn is_in_doubt(&self) -> bool {
-        // What a cycle landed on would be known if it counted.
+        // A cycle to which another one has converged is known if it counts.
         let settles = |reason: &DropReason| matches!(reason, DropReason::Duplicate | DropReason::Outside);
         let open = |dropped: &DroppedCycle| !settles(&dropped.reason);
         self.cycles.is_empty() && self.dropped.iter().any(open)
     }
 
-    /// Knows a cycle, unless it is known already or lies beyond the model.
+    /// Adds a cycle, unless it is known already or is outside the model.
     fn add(
         &mut self,
         model: &Model<'_>,
@@ -180,16 +180,16 @@ impl Assessment {
     }
 }
 
-/// Assesses cuts; keeps its working memory from one to the next.
+/// Assesses cuts; reuses its working memory.
 #[derive(Clone, Debug)]
 pub struct Assessor {
     scanner: Scanner,
-    /// For neighbours.
+    /// For the neighbours.
     near: Scanner,
 }
 
 impl Assessor {
-    /// With 1 to 64 harmonics in the balance; 5 give amplitudes to 1e-4.
+    /// Creates an assessor with 1 to 64 harmonics in the balance; 5 give amplitudes to 1e-4.
     #[must_use]
     pub fn new(harmonics: usize) -> Self {
         Self {
@@ -198,10 +198,10 @@ impl Assessor {
         }
     }
 
-    /// Everything about a cut. Costs 5 to 200 ms.
+    /// Assesses a cut. Costs 5 to 200 ms.
     ///
     /// # Errors
-    /// No steady cut, or a force law that does not reach as far as the motion.
+    /// No steady cut, or a motion outside the force law.
     pub fn assess(&mut self, model: &Model<'_>) -> Result<Assessment, ChatterError> {
         let prediction = self.scanner.scan(model)?;
         let mut assessment = verified(model, prediction);
@@ -230,7 +230,7 @@ impl Assessor {
         Ok(assessment)
     }
 
-    /// The balance with more harmonics, until its cycles close in time or it has none.
+    /// Repeats the balance with more harmonics, until its cycles close in time or it has none.
     fn look_closer(&self, model: &Model<'_>) -> Result<Option<Assessment>, ChatterError> {
         let mut last = None;
         for harmonics in FINER {
@@ -247,9 +247,9 @@ impl Assessor {
         Ok(last)
     }
 
-    /// What becomes of disturbances, up to the first that leaves the model: the largest within it, or small
-    /// ones where the steady cut does not last, and the given motions. A motion that arrives at one of the
-    /// given stable cycles is followed no further.
+    /// Fates of disturbances, up to the first that leaves the model: of the largest within it, or of small
+    /// ones if the steady cut is unstable, and of the given motions. A motion that reaches one of the given
+    /// stable cycles is followed no further.
     pub(crate) fn disturbances(
         &self,
         model: &Model<'_>,
@@ -276,7 +276,7 @@ impl Assessor {
         fates
     }
 
-    /// Cycles of cuts close by, continued to this one.
+    /// Continues the cycles of neighbouring cuts to this one.
     fn continue_neighbours(&mut self, model: &Model<'_>, assessment: &mut Assessment) {
         for [speed, depth] in NEIGHBOURS {
             let tool = CuttingTool {
@@ -284,7 +284,7 @@ impl Assessor {
                 depth_mm: depth * model.tool().depth_mm,
                 ..*model.tool()
             };
-            // What cannot be computed there has nothing to add here.
+            // A neighbour that cannot be computed contributes nothing.
             let Ok(near) = model.with_tool(tool) else { continue };
             let Ok(prediction) = self.near.scan(&near) else {
                 continue;
@@ -352,8 +352,8 @@ fn verified(model: &Model<'_>, prediction: Prediction) -> Assessment {
     assessment
 }
 
-/// Follows disturbances in time, and adds the cycles that they settle on. Two of one direction with different
-/// fates, where what is between them is not known.
+/// Follows disturbances in time and adds the cycles at which they settle. Returns two disturbances in one
+/// direction with different fates, if the motion between them is unknown.
 fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
     let mut open = None;
     let mut follower = Follower::new(*model, &assessment.equilibrium);
@@ -363,12 +363,12 @@ fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
     let rest = follower.rest();
     let grows = assessment.equilibrium.growth_per_s() > 0.0;
     let mut directions = directions(model, &follower);
-    // What the branches end with is a motion that the model favours.
+    // The last motion of a branch is likely to be near an attractor.
     for branch in &assessment.branches {
         directions.extend(branch.largest.map(|state| state - rest));
     }
-    // Where small vibrations grow, a small disturbance shows what the cut does by itself, a large one what a
-    // blow does.
+    // Where small vibrations grow, a small disturbance shows the behaviour of the undisturbed cut, a large
+    // one the effect of an impulse.
     let sizes = if grows { [SMALL, LARGE] } else { [LARGE, MIDDLE] };
     for direction in directions {
         let (mut dies, mut stays): (Option<f64>, Option<f64>) = (None, None);
@@ -392,7 +392,7 @@ fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
                 is_small: first <= SMALL,
                 fate,
             });
-            // What is smaller in this direction dies out all the more.
+            // Smaller disturbances in this direction die out as well.
             if ended {
                 break;
             }
@@ -409,13 +409,13 @@ fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
     open
 }
 
-/// The fate of a disturbance of a part of a direction, or of the largest smaller one that begins within the
-/// model.
+/// The fate of a disturbance that is a fraction of a direction, or of the largest smaller one that begins
+/// within the model.
 fn fate_within(follower: &Follower<'_>, rest: State, direction: State, first: f64) -> (f64, Fate) {
     let mut part = first;
     loop {
         match follower.fate(rest + direction * part) {
-            // A small one that is outside at once has grown there.
+            // A small disturbance that is outside the model at once has grown there.
             Fate::BeginsOutside if part <= SMALL => return (part, Fate::Leaves),
             Fate::BeginsOutside if part > 0.1 => part *= 0.85,
             fate => return (part, fate),
@@ -423,13 +423,13 @@ fn fate_within(follower: &Follower<'_>, rest: State, direction: State, first: f6
     }
 }
 
-/// Disturbances that just keep the speed above the floor: blows along both principal axes, along the cutting
-/// speed and across it.
+/// Disturbances that just keep the speed above the floor: impulses along both principal axes, along the
+/// cutting speed, and across it.
 fn directions(model: &Model<'_>, follower: &Follower<'_>) -> Vec<State> {
     let (cos, sin) = model.machine_axes(1.0, 0.0);
     let along = |v1: f64, v2: f64| {
         let (_, z) = model.machine_axes(v1, v2);
-        // Across the cutting speed a blow turns into motion along it, but never the whole of it.
+        // An impulse across the cutting speed turns into motion along it, but never completely.
         let by = follower.reach_m_s() / z.abs().max(0.3);
         State::new(0.0, 0.0, by * v1, by * v2)
     };
@@ -441,7 +441,7 @@ fn directions(model: &Model<'_>, follower: &Follower<'_>) -> Vec<State> {
     ]
 }
 
-/// A disturbance that dies out and a larger one that does not, as parts of a direction.
+/// A disturbance that dies out and a larger one that does not, as fractions of a direction.
 struct Between {
     direction: State,
     dies: f64,
@@ -449,8 +449,8 @@ struct Between {
 }
 
 impl Between {
-    /// The unstable cycle between both, by halving: close to the border the motion lingers near the cycle
-    /// before it turns away.
+    /// The unstable cycle between the two, by bisection: close to the border the motion lingers near the
+    /// cycle before it departs.
     fn border(&self, follower: &Follower<'_>) -> Option<Verified> {
         let (mut low, mut high) = (self.dies, self.stays);
         let mut calmest = None;
@@ -473,7 +473,7 @@ fn verdict(assessment: &Assessment) -> Verdict {
     let fates = || assessment.disturbances.iter().map(|kick| &kick.fate);
     let lasts = stable_cycle || fates().any(|fate| matches!(fate, Fate::Settles(_) | Fate::GoesOn));
     if !grows {
-        // An unstable cycle is the border to something that does not die out.
+        // An unstable cycle is the border to a motion that does not die out.
         let all_die = fates().all(|fate| *fate == Fate::DiesOut) && assessment.cycles.is_empty();
         return match (lasts, all_die && !assessment.is_in_doubt()) {
             (true, _) => Verdict::Bistable,
@@ -481,7 +481,7 @@ fn verdict(assessment: &Assessment) -> Verdict {
             (false, false) => Verdict::OutOfModel,
         };
     }
-    // What the steady cut turns into by itself.
+    // The behaviour of the undisturbed cut.
     let small = || {
         assessment
             .disturbances

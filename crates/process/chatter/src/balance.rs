@@ -1,14 +1,14 @@
 //! Harmonic balance along a branch of motions.
 //!
-//! Both equations of motion are linear but for one scalar, the tangential force. So its harmonics `P_n`
-//! determine everything: `V_i,n = e_i P_n / (C_i - m_i n^2 w^2 + i n w (G_i + D m_i))`, with the directions
-//! `e_i` of the force and an extra damping `D` in proportion to the masses, 1/s. The amplitude `A` of the
-//! driving coordinate and its phase (a cosine) give `P_1` from `w` and `D`. What remains are 2 N + 2
-//! unknowns, `P_0, w, D, P_2 .. P_N, A`, for 2 N + 1 equations: that the force which the motion makes has
-//! these harmonics. So motions form curves; one linear [`Condition`] picks a point: its amplitude, its extra
-//! damping (0: a cycle), or its position along a tangent, which also passes where the curve turns back in
-//! `A`. The force is sampled over a period (alternating between frequency and time), the Jacobian is exact,
-//! and Newton's method needs two or three steps.
+//! Both equations of motion are linear except for one scalar, the tangential force. Its harmonics `P_n`
+//! therefore determine the motion: `V_i,n = e_i P_n / (C_i - m_i n^2 w^2 + i n w (G_i + D m_i))`, with the
+//! directions `e_i` of the force and an extra damping `D` proportional to the masses, 1/s. The amplitude `A`
+//! of the driving coordinate and its phase (a cosine) give `P_1` from `w` and `D`. This leaves 2 N + 2
+//! unknowns, `P_0, w, D, P_2 .. P_N, A`, for 2 N + 1 equations: the force of the motion must have these
+//! harmonics. The solutions are curves. One linear [`Condition`] selects a point: its amplitude, its extra
+//! damping (0: a cycle), or its position along a tangent, which also passes points at which the curve turns
+//! back in `A`. The force is sampled over a period (alternating between frequency and time), the Jacobian is
+//! exact, and Newton's method needs two or three steps.
 
 use nalgebra::Complex;
 
@@ -19,12 +19,12 @@ use crate::pair::PairBalance;
 
 type C = Complex<f64>;
 
-/// A motion that extra damping makes a cycle.
+/// A periodic motion with extra damping.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Balanced {
     /// `P_0, w, D, Re P_2, -Im P_2, ..., A`; `A` is the amplitude of the driving coordinate, m.
     pub(crate) unknowns: Vec<f64>,
-    /// How they change along the curve per unit of the condition.
+    /// Their derivatives along the curve by the condition.
     pub(crate) tangent: Vec<f64>,
     /// Steps of Newton's method.
     pub(crate) steps: usize,
@@ -32,7 +32,7 @@ pub(crate) struct Balanced {
     pub(crate) speeds: [f64; 2],
     /// Lowest and highest depth of cut, mm.
     pub(crate) depths: [f64; 2],
-    /// Part of the period out of contact.
+    /// Fraction of the period out of contact.
     pub(crate) free: f64,
 }
 
@@ -45,23 +45,23 @@ impl Balanced {
         self.unknowns[1]
     }
 
-    /// The extra damping that makes it a cycle, 1/s: positive where it would grow without.
+    /// The extra damping that makes it periodic, 1/s: positive if it would grow without.
     pub(crate) fn extra(&self) -> f64 {
         self.unknowns[2]
     }
 
-    /// How the amplitude changes along the curve.
+    /// Derivative of the amplitude along the curve.
     pub(crate) fn tangent_amplitude(&self) -> f64 {
         self.tangent.last().copied().unwrap_or(f64::NAN)
     }
 
-    /// How the extra damping changes with the amplitude, 1/s per m.
+    /// Derivative of the extra damping by the amplitude, 1/s per m.
     pub(crate) fn extra_slope(&self) -> f64 {
         self.tangent[2] / self.tangent_amplitude()
     }
 }
 
-/// What picks a point of a curve.
+/// The condition that selects a point of a curve.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Condition<'a> {
     /// The amplitude of the driver, m.
@@ -72,18 +72,18 @@ pub(crate) enum Condition<'a> {
     Along(&'a [f64], f64),
 }
 
-/// Working memory and tables for a number of harmonics; one serves any number of models.
+/// Working memory and tables for a number of harmonics, for any number of models.
 #[derive(Clone, Debug)]
 pub(crate) struct Balance {
     harmonics: usize,
     samples: usize,
-    /// Residual, as part of the force, before the last step of Newton's method, which squares it.
+    /// Residual, relative to the force, before the last step of Newton's method, which squares it.
     tolerance: f64,
     /// `cos n t` and `sin n t` up to twice the harmonics, sample by sample: `[sample][2 n], [2 n + 1]`.
     waves: Vec<f64>,
     matrix: Vec<f64>,
     rhs: Vec<f64>,
-    /// Complex harmonics of y and z' by each unknown: `[unknown][n]`.
+    /// Derivatives of the complex harmonics of y and z' by each unknown: `[unknown][n]`.
     by: Vec<[C; 2]>,
     /// For two laws of force.
     pair: Option<Box<PairBalance>>,
@@ -91,7 +91,7 @@ pub(crate) struct Balance {
     sums: [Vec<f64>; 3],
 }
 
-/// Harmonics of y and z' of a force, with derivatives by `w` and `D`.
+/// Harmonics of y and z' for a force, with derivatives by `w` and `D`.
 struct Response {
     y: C,
     w: C,
@@ -102,7 +102,7 @@ struct Response {
 impl Balance {
     pub(crate) fn new(harmonics: usize) -> Self {
         let harmonics = harmonics.clamp(1, 64);
-        // Enough that what aliases lies far beyond the harmonics that are kept.
+        // Enough samples that aliases are far beyond the harmonics that are kept.
         let samples = (12 * harmonics).max(64);
         Self::with_samples(harmonics, samples)
     }
@@ -132,7 +132,7 @@ impl Balance {
         }
     }
 
-    /// Ends Newton's method once the residual was below this part of the force, before a last step.
+    /// Ends Newton's method once the residual is below this fraction of the force, before a last step.
     pub(crate) fn until(self, tolerance: f64) -> Self {
         Self { tolerance, ..self }
     }
@@ -141,7 +141,7 @@ impl Balance {
         self.harmonics
     }
 
-    /// Equations of the balance of a model; there is one unknown more.
+    /// Number of equations of the balance of a model; there is one more unknown.
     fn equations(&self, model: &Model<'_>) -> usize {
         if model.has_radial_law() {
             PairBalance::equations(self.harmonics)
@@ -150,7 +150,7 @@ impl Balance {
         }
     }
 
-    /// Unknowns of a motion about rest without higher harmonics.
+    /// Unknowns of a motion about the steady cut without higher harmonics.
     pub(crate) fn start(
         &self,
         model: &Model<'_>,
@@ -172,7 +172,7 @@ impl Balance {
         unknowns
     }
 
-    /// The unknowns of a motion that a balance of fewer harmonics has found.
+    /// The unknowns of a motion from a balance with fewer harmonics.
     pub(crate) fn widened(&self, model: &Model<'_>, unknowns: &[f64]) -> Vec<f64> {
         let (forces, amplitude) = unknowns.split_at(unknowns.len() - 1);
         let axes = if model.has_radial_law() { 2 } else { 1 };
@@ -185,13 +185,13 @@ impl Balance {
         wide
     }
 
-    /// The motion that fulfils a condition, driven by coordinate `driver` (0 or 1), by Newton's method from
+    /// The motion that satisfies a condition, driven by coordinate `driver` (0 or 1), by Newton's method from
     /// `unknowns`.
     ///
-    /// None where 12 steps do not balance the force.
+    /// `None` if 12 steps do not balance the force.
     ///
     /// # Errors
-    /// The law has no force somewhere in the motion.
+    /// The law has no force at some point of the motion.
     pub(crate) fn solve(
         &mut self,
         model: &Model<'_>,
@@ -215,7 +215,7 @@ impl Balance {
             let Some(residual) = self.linearise(model, driver, &mut at)? else {
                 return Ok(None);
             };
-            // Of the mean force, and of the elastic force of the amplitude, which may be tiny.
+            // Relative to the mean force, and to the elastic force of the amplitude, which may be tiny.
             let elastic = model.axes()[driver].stiffness_n_m * at.amplitude();
             let mean = if model.has_radial_law() {
                 at.unknowns[0]
@@ -259,7 +259,7 @@ impl Balance {
             if !possible {
                 return Ok(None);
             }
-            // The step just taken squares the error.
+            // The present step squares the error.
             if residual <= self.tolerance * scale {
                 at.steps = step;
                 return Ok(Some(at));
@@ -299,7 +299,7 @@ impl Balance {
         }
     }
 
-    /// `P_1` that gives the driver its amplitude, and its derivatives by `w` and `D`.
+    /// `P_1` for the amplitude of the driver, and its derivatives by `w` and `D`.
     fn first_force(model: &Model<'_>, driver: usize, amplitude: f64, omega: f64, extra: f64) -> [C; 3] {
         let axis = &model.axes()[driver];
         let part = amplitude / model.direction()[driver];
@@ -312,8 +312,8 @@ impl Balance {
         ]
     }
 
-    /// Fills the matrix but for the condition's row, and the residual as first right hand side; the largest
-    /// residual.
+    /// Fills the matrix except for the condition's row, and the residual as first right-hand side; returns
+    /// the largest residual.
     fn linearise(
         &mut self,
         model: &Model<'_>,
@@ -331,7 +331,7 @@ impl Balance {
         let size = 2 * harmonics + 1;
         let (omega, extra) = (at.unknowns[1], at.unknowns[2]);
         let first = Self::first_force(model, driver, at.amplitude(), omega, extra);
-        // Column `size` is the amplitude's.
+        // Column `size` is that of the amplitude.
         let stride = harmonics + 1;
         self.by.fill([C::ZERO; 2]);
         let mut motion = [[C::ZERO; 2]; 65];
@@ -426,7 +426,7 @@ impl Balance {
             (wave * difference + wave.conj() * part(sums, k + n)) * 0.5
         };
         for unknown in 0..=size {
-            // All harmonics answer to w and D, one to each other unknown.
+            // All harmonics depend on w and D, one on each other unknown.
             let range = match unknown {
                 0 => 0..1,
                 1 | 2 => 0..harmonics + 1,
@@ -468,7 +468,7 @@ impl Balance {
         Ok(residual.is_finite().then_some(residual))
     }
 
-    /// Harmonics of V1 and V2, `V_n = a_n - i b_n`, of a motion that was found.
+    /// Harmonics of V1 and V2, `V_n = a_n - i b_n`, of a solution.
     pub(crate) fn deflections(&self, model: &Model<'_>, driver: usize, at: &Balanced) -> [Vec<C>; 2] {
         if model.has_radial_law() {
             return match &self.pair {
@@ -499,7 +499,7 @@ impl Balance {
     }
 }
 
-/// Row of the cosine of harmonic `n`; the sine's is the next (the mean has no sine).
+/// Row of the cosine of harmonic `n`; the next is that of the sine (the mean has no sine).
 fn row(n: usize) -> usize {
     if n == 0 { 0 } else { 2 * n - 1 }
 }
@@ -511,7 +511,7 @@ mod tests {
     use super::*;
     use crate::model::{CuttingTool, PrincipalAxis};
 
-    /// The residual at unknowns: what `linearise` leaves in the first right hand side.
+    /// The residual at `at`: the first right-hand side of `linearise`.
     fn residual(balance: &mut Balance, model: &Model<'_>, at: &mut Balanced) -> Vec<f64> {
         balance.linearise(model, 1, at).unwrap().unwrap();
         balance.rhs.iter().step_by(2).take(7).copied().collect()
@@ -539,7 +539,7 @@ mod tests {
         let model = Model::new(tool, &law).unwrap();
         let mut balance = Balance::new(3);
         let size = 7;
-        // Nothing is zero, so that every harmonic acts on every other, with a phase.
+        // No unknown is zero, so that every harmonic acts on every other, with a phase.
         let mut at = Balanced {
             unknowns: vec![4000.0, 1600.0, 20.0, 90.0, -130.0, -40.0, 60.0, 2e-5],
             tangent: vec![0.0; size + 1],

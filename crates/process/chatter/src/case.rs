@@ -1,4 +1,4 @@
-//! A case: what a user asks, read from a file and checked.
+//! A case, read from a file and checked.
 
 use evolvent_config::{ConfigDocument, ConfigError};
 use evolvent_cutting::{LawDefinition, Tool};
@@ -10,23 +10,23 @@ use crate::case_file::{
 use crate::lobe::{Milling, MillingCut, Mode, Turning, TurningMode};
 use crate::model::{CuttingTool, PrincipalAxis};
 
-/// Frequencies of both axes, one over the other, at most: disturbances are followed for 1000 periods of the
-/// slower axis in steps of the faster one.
+/// Maximum ratio of the frequencies of both axes: disturbances are followed for 1000 periods of the slower
+/// axis in steps of the faster one.
 const MAX_FREQUENCY_RATIO: f64 = 100.0;
 
-/// Where the force law is to be had.
+/// Source of the force law.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LawSource {
-    /// One that is built in.
+    /// A built-in law.
     BuiltIn(Box<LawDefinition>),
     /// A file, relative to the case file.
     File(String),
 }
 
-/// A question: self-oscillation, stability lobes, or both.
+/// A case of self-oscillation, of stability lobes, or of both.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Case {
-    /// Name, for headings.
+    /// Name in headings.
     pub name: String,
     /// One line for people.
     pub description: String,
@@ -40,22 +40,22 @@ pub struct Case {
     pub lobes: LobeRange,
 }
 
-/// A tool in a cut, and what to compute of it.
+/// A tool in a cut, and what to compute.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OscillationCase {
-    /// The tool in the cut. Its radial ratio is the law's where the file gives none: see `radial_ratio`.
+    /// The tool in the cut. Its radial ratio is that of the law if the file gives none: see `radial_ratio`.
     pub tool: CuttingTool,
-    /// Where the force law is.
+    /// Source of the force law.
     pub law: LawSource,
     /// The tool's angles.
     pub angles: Tool,
-    /// Py / Pz as the file gives it.
+    /// Py / Pz, if the file gives it.
     pub radial_ratio: Option<f64>,
-    /// Where the law of the radial force is, if it has one of its own.
+    /// Source of the law of the radial force, if it has its own.
     pub radial_law: Option<LawSource>,
-    /// Diameter of the workpiece, mm, to tell speeds in rpm.
+    /// Diameter of the workpiece, mm, to report speeds in rpm.
     pub diameter_mm: Option<f64>,
-    /// Harmonics that are kept.
+    /// Number of harmonics.
     pub harmonics: usize,
     /// The range of speeds for amplitudes over speed.
     pub sweep: SweepRange,
@@ -68,7 +68,7 @@ pub struct OscillationCase {
 pub struct SweepRange {
     /// From and to, m/min.
     pub speed_m_min: [f64; 2],
-    /// How many.
+    /// Number of speeds.
     pub points: usize,
 }
 
@@ -79,11 +79,11 @@ pub struct MapRange {
     pub speed_m_min: [f64; 2],
     /// From and to, mm.
     pub depth_mm: [f64; 2],
-    /// One map for each of these feeds, mm/rev.
+    /// Feeds, mm/rev, with one map each.
     pub feed_mm_rev: Vec<f64>,
-    /// Speeds.
+    /// Number of speeds.
     pub columns: usize,
-    /// Depths.
+    /// Number of depths.
     pub rows: usize,
 }
 
@@ -92,19 +92,20 @@ pub struct MapRange {
 pub struct LobeRange {
     /// From and to, rpm.
     pub speed_rpm: [f64; 2],
-    /// How many speeds.
+    /// Number of speeds.
     pub points: usize,
-    /// Largest depth to look at, mm; of the order of the lobes where the file gives none.
+    /// Maximum depth of the diagram, mm; of the order of the lobes if the file gives none.
     pub max_depth_mm: Option<f64>,
-    /// Whether to compute the delay equation's limit too.
+    /// Whether to compute the limit of the delay equation too.
     pub exact: bool,
 }
 
 impl Case {
-    /// Reads a case file; `file` names it in errors, and a name that ends in .json makes it JSON.
+    /// Reads a case file; `file` names it in errors, and the ending .json selects JSON.
     ///
     /// # Errors
-    /// Text that is neither, keys that are unknown, missing or make no sense, with file, line and key.
+    /// Text that is neither TOML nor JSON, and keys that are unknown, missing or invalid, with file, line and
+    /// key.
     pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::parse(text, file)?;
         let raw: CaseFile = sheet.read()?;
@@ -311,7 +312,7 @@ impl Reader<'_> {
         Ok((self.law_source("force.law", &force.law)?, floor))
     }
 
-    /// A law that is built in, or a file.
+    /// A built-in law, or a file.
     fn law_source(&self, key: &str, name: &str) -> Result<LawSource, ConfigError> {
         let names_a_file = [".toml", ".json"]
             .iter()
@@ -503,7 +504,7 @@ impl Reader<'_> {
     }
 }
 
-/// Speeds about the one of the cut.
+/// A range of speeds around that of the cut.
 fn around(tool: &CuttingTool) -> [f64; 2] {
     [
         (0.3 * tool.speed_m_min).max(1.5 * tool.floor_m_min),

@@ -260,7 +260,8 @@ pub(crate) struct LobesFile {
     pub(crate) exact: Option<bool>,
 }
 
-/// The JSON schema of the case file, as `config/chatter-case.schema.json` ships it: editors complete and check with it.
+/// The JSON schema of the case file, shipped as `config/chatter-case.schema.json` for completion and checks
+/// in editors.
 #[must_use]
 pub fn case_schema() -> serde_json::Value {
     schemars::schema_for!(CaseFile).to_value()

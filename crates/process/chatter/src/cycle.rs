@@ -1,4 +1,4 @@
-//! A cycle of self-oscillation.
+//! A limit cycle of self-oscillation.
 
 use nalgebra::Complex;
 
@@ -13,14 +13,14 @@ pub struct Cycle {
     pub harmonics_m: [Vec<Complex<f64>>; 2],
     /// Coordinate (0 for V1, 1 for V2) whose amplitude was scanned.
     pub driver: usize,
-    /// How the extra damping that would balance the motion changes with the amplitude, 1/s per m: negative
-    /// where disturbances of the amplitude alone die out. NaN for a cycle that was found in time.
+    /// Derivative by the amplitude of the extra damping that would balance the motion, 1/s per m: negative if
+    /// disturbances of the amplitude alone die out. NaN for a cycle that was found in time.
     pub extra_slope: f64,
     /// Lowest and highest cutting speed, m/min.
     pub speed_m_min: [f64; 2],
     /// Lowest and highest depth of cut, mm; negative out of contact.
     pub depth_mm: [f64; 2],
-    /// Part of the period out of contact.
+    /// Fraction of the period out of contact.
     pub free_part: f64,
 }
 
@@ -37,15 +37,15 @@ impl Cycle {
         self.harmonic(coordinate, 0).re
     }
 
-    /// How far V2 is ahead of V1, rad, from -pi to pi.
+    /// Phase lead of V2 relative to V1, rad, from -pi to pi.
     #[must_use]
     pub fn phase_rad(&self) -> f64 {
         let turn = self.harmonic(1, 1) * self.harmonic(0, 1).conj();
         libm::atan2(turn.im, turn.re)
     }
 
-    /// Whether disturbances of the amplitude alone die out. The other mode may grow all the same: only the
-    /// multipliers of [`crate::Verified`] tell whether the cycle is stable.
+    /// Whether disturbances of the amplitude alone die out. The other mode may still grow: only the
+    /// multipliers of [`crate::Verified`] decide whether the cycle is stable.
     #[must_use]
     pub fn stable_by_slope(&self) -> bool {
         self.extra_slope < 0.0
@@ -56,7 +56,7 @@ impl Cycle {
         all.and_then(|all| all.get(n)).copied().unwrap_or(Complex::ZERO)
     }
 
-    /// The state at a part of the period from 0 to 1.
+    /// The state at a fraction of the period from 0 to 1.
     #[must_use]
     pub fn state(&self, part: f64) -> State {
         let omega = std::f64::consts::TAU * self.frequency_hz;

@@ -6,11 +6,12 @@
 //! m q'' + c q' + k q = -w h(t) (r(t) - r(t - T)),     h periodic with T, zero where no tooth cuts
 //! ```
 //!
-//! with `r` the sum of the modes along each direction. What happened in one period determines the next by a
-//! linear map; the cut is stable where all its eigenvalues, the multipliers, lie within the unit circle.
+//! with `r` the sum of the modes along each direction. A linear map takes the motion of one period to the
+//! next; the cut is stable if all its eigenvalues, the multipliers, are within the unit circle.
 //!
-//! [`MillingDelay::limit`] finds them as zeros of a characteristic function, with effort for every wave in
-//! the cut; it says where that is too much. Two other ways compute the largest one, for comparison:
+//! [`MillingDelay::limit`] finds them as zeros of a characteristic function, at a cost proportional to the
+//! waves in the cut; if that is too much, it returns an error. Two other methods compute the largest one, for
+//! comparison:
 //!
 //! - collocation at Chebyshev's points between entries and exits of teeth, exact between cuts: the error
 //!   falls faster than any power of the number of points, from about three a wave on
@@ -35,21 +36,22 @@ pub use kind::{Chatter, ChatterKind};
 /// A cut with its delay, at a spindle speed.
 #[derive(Clone, Debug)]
 pub struct MillingDelay {
-    /// Modes with the direction they move in (0 for x, 1 for y) and the part of the force that drives them.
+    /// Modes with their direction of motion (0 for x, 1 for y) and the fraction of the force that drives
+    /// them.
     modes: Vec<(Mode, usize, f64)>,
-    /// Directions in use.
+    /// Number of directions in use.
     directions: usize,
     period_s: f64,
     stretches: Vec<Stretch>,
     force: Force,
 }
 
-/// A stretch of a tooth period in which the same teeth cut.
+/// A section of a tooth period in which the same teeth cut.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
     start: f64,
     end: f64,
-    /// Angles of the first tooth that cuts at the start, and how many follow it, a pitch apart.
+    /// Whether a tooth cuts in it.
     cuts: bool,
 }
 
@@ -68,7 +70,7 @@ enum Force {
     },
 }
 
-/// A linear map of a period, as matrix or as a recipe.
+/// A linear map of a period, as a matrix or as a procedure.
 trait PeriodMap {
     fn size(&self) -> usize;
     fn apply(&self, vector: &DVector<f64>) -> DVector<f64>;
@@ -85,7 +87,7 @@ impl MillingDelay {
         let period_s = 60.0 / (speed_rpm * f64::from(cut.teeth));
         let pitch = std::f64::consts::TAU / f64::from(cut.teeth);
         let (entry, exit) = (cut.entry_deg.to_radians(), cut.exit_deg.to_radians());
-        // A tooth enters at time 0; others leave, or enter, on the way.
+        // A tooth enters at time 0; others leave, or enter, within the period.
         let inside = (exit - entry) / pitch;
         let leaves = (inside - libm::floor(inside)) * period_s;
         let mut stretches = Vec::new();
@@ -158,7 +160,7 @@ impl MillingDelay {
             } => {
                 let mut sum = [[0.0; 2]; 2];
                 let mut angle = entry + turn * time;
-                // Rounding at the ends of a stretch must not lose a tooth.
+                // Rounding at the ends of a section must not lose a tooth.
                 while angle <= exit + 1e-9 * pitch {
                     let (c, s) = (libm::cos(angle), libm::sin(angle));
                     let (fx, fy) = (tangential * c + radial * s, radial * c - tangential * s);
@@ -173,8 +175,9 @@ impl MillingDelay {
         }
     }
 
-    /// Degree of the polynomials that makes the multipliers of collocation good to about 1e-9: 24, and more
-    /// the more waves a stretch holds; more than [`MillingDelay::collocation`] takes from 80 waves on.
+    /// Degree of the polynomials at which the multipliers of collocation are accurate to about 1e-9: 24, and
+    /// more with more waves in a section. From 80 waves on it exceeds the maximum of
+    /// [`MillingDelay::collocation`].
     #[must_use]
     pub fn degree(&self) -> usize {
         let fastest = self
@@ -192,7 +195,7 @@ impl MillingDelay {
     }
 
     /// Largest multiplier, in magnitude, at a depth in m, by collocation with polynomials of the given degree
-    /// (4 to 400) on each stretch.
+    /// (4 to 400) in each section.
     ///
     /// # Errors
     /// A depth or degree out of range.
@@ -218,7 +221,7 @@ impl MillingDelay {
         2 * self.modes.len()
     }
 
-    /// The free system: `x' = a x`, states (q, q') mode by mode.
+    /// The free system: `x' = a x`, states (q, q') by modes.
     fn free(&self) -> DMatrix<f64> {
         let mut a = DMatrix::zeros(self.states(), self.states());
         for (i, (mode, ..)) in self.modes.iter().enumerate() {
@@ -241,7 +244,7 @@ impl MillingDelay {
     }
 }
 
-/// The map from states at the nodes of the cutting stretches and at the end of one period to those of the
+/// The map from states at the nodes of the cutting sections and at the end of one period to those of the
 /// next.
 struct Collocation {
     matrix: DMatrix<f64>,
@@ -267,7 +270,7 @@ impl Collocation {
         let size = history + d;
         let (points, derivative) = chebyshev(n);
         let free = delay.free();
-        // The state at the beginning of each stretch, as a map of the history.
+        // The state at the beginning of each section, as a map of the history.
         let mut state = DMatrix::zeros(d, size);
         state.view_mut((0, history), (d, d)).fill_with_identity();
         let mut matrix = DMatrix::zeros(size, size);
@@ -329,7 +332,7 @@ impl Collocation {
     }
 }
 
-/// Chebyshev's points from -1 to 1 and the matrix that differentiates at them.
+/// Chebyshev points from -1 to 1, and the matrix that differentiates at them.
 fn chebyshev(n: usize) -> (Vec<f64>, DMatrix<f64>) {
     let points: Vec<f64> = (0..=n)
         .map(|k| -libm::cos(std::f64::consts::PI * k as f64 / n as f64))
@@ -348,7 +351,7 @@ fn chebyshev(n: usize) -> (Vec<f64>, DMatrix<f64>) {
                 sum += value;
             }
         }
-        // Constants have no derivative: more exact than the closed form.
+        // The derivative of a constant is zero: more accurate than the closed form.
         derivative[(i, i)] = -sum;
     }
     (points, derivative)
@@ -371,7 +374,7 @@ impl SemiDiscretisation {
         let mut steps = Vec::with_capacity(count);
         for k in 0..count {
             let factors = mean_factors(delay, k as f64 * step, step);
-            // The delayed deflections as states that do not move: one exponential gives both maps.
+            // The delayed deflections as constant states: one exponential gives both maps.
             let mut all = DMatrix::zeros(d + r, d + r);
             all.view_mut((0, 0), (d, d)).copy_from(&delay.free());
             for i in 0..delay.modes.len() {
@@ -434,8 +437,7 @@ impl PeriodMap for SemiDiscretisation {
     }
 }
 
-/// Mean of the factors over a step, with the ends of the cut where they lie: Gauss' rule on each side of an
-/// end.
+/// Mean of the factors over a step, divided at the ends of the cut: Gauss rule on each side of an end.
 fn mean_factors(delay: &MillingDelay, start: f64, length: f64) -> [[f64; 2]; 2] {
     const NODES: [(f64, f64); 3] = [
         (-0.774_596_669_241_483_4, 5.0 / 9.0),
@@ -459,7 +461,7 @@ fn mean_factors(delay: &MillingDelay, start: f64, length: f64) -> [[f64; 2]; 2] 
     mean
 }
 
-/// `exp(matrix)` by Taylor's series of order 18 after halving until the norm is below 1/2.
+/// `exp(matrix)` by the Taylor series of order 18 after halving until the norm is below 1/2.
 fn exponential(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     let norm = matrix
         .row_iter()
@@ -484,13 +486,13 @@ fn exponential(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     sum
 }
 
-/// The eigenvalue of largest magnitude: of the whole matrix where it is small, else of its projection to a
-/// Krylov space of 48 vectors (W. E. Arnoldi), which holds the largest ones of a map that damps almost
+/// The eigenvalue of largest magnitude: of the whole matrix if it is small, otherwise of its projection to a
+/// Krylov space of 48 vectors (W. E. Arnoldi), which contains the largest ones of a map that damps almost
 /// everything.
 fn leading(map: &impl PeriodMap) -> Complex<f64> {
     let size = map.size();
     let count = size.min(48);
-    // Any start that is no eigenvector; the same every time.
+    // Any start that is not an eigenvector; the same every time.
     let mut start = DVector::from_fn(size, |i, _| 1.0 + 0.5 * libm::sin(1.0 + 12.9898 * i as f64));
     start.normalize_mut();
     let mut basis = vec![start];
@@ -499,7 +501,7 @@ fn leading(map: &impl PeriodMap) -> Complex<f64> {
     for k in 0..count {
         let Some(vector) = basis.get(k) else { break };
         let mut next = map.apply(vector);
-        // Twice is enough to keep the basis orthogonal.
+        // Two passes keep the basis orthogonal.
         for _ in 0..2 {
             for (i, vector) in basis.iter().enumerate() {
                 let part = vector.dot(&next);
@@ -527,7 +529,7 @@ fn leading(map: &impl PeriodMap) -> Complex<f64> {
     largest.copied().unwrap_or(Complex::ZERO)
 }
 
-/// Speeds and limits of a whole diagram: one point a speed, from `from_rpm` to `to_rpm`, by the frequency
+/// Speeds and limits of a whole diagram: one point per speed, from `from_rpm` to `to_rpm`, in the frequency
 /// domain.
 #[must_use]
 pub fn lobe_diagram(

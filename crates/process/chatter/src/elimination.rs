@@ -1,8 +1,7 @@
 //! Small dense linear systems, solved in place.
 
-/// Solves `matrix x = rhs` by Gaussian elimination with partial pivoting, for `COLUMNS` right hand sides
-/// stored row by row behind each other; both are overwritten, `rhs` with the solution. False where the matrix
-/// is singular.
+/// Solves `matrix x = rhs` by Gaussian elimination with partial pivoting, for `COLUMNS` right-hand sides
+/// stored by rows. Both are overwritten, `rhs` with the solution. False if the matrix is singular.
 ///
 /// Maps of chatter spend much of their time here: the loops run over slices, so that they are vectorized.
 pub(crate) fn solve<const COLUMNS: usize>(matrix: &mut [f64], rhs: &mut [f64], size: usize) -> bool {

@@ -1,22 +1,23 @@
-//! Why there is no prediction.
+//! Errors of predictions.
 
 use evolvent_config::plain;
 use evolvent_cutting::ForceError;
 use thiserror::Error;
 
-/// Why a case cannot be computed. What the model cannot answer is no error: see [`crate::Verdict`].
+/// Why a case cannot be computed. A result that the model cannot give is not an error: see
+/// [`crate::Verdict`].
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum ChatterError {
-    /// A number is not finite or far from any machine.
+    /// A number is not finite or out of range.
     #[error("{name} is {}: give a number from {least} to {most}", plain(*.value))]
     Number {
-        /// Which.
+        /// Name.
         name: &'static str,
         /// As given.
         value: f64,
-        /// Least permitted.
+        /// Minimum.
         least: f64,
-        /// Most permitted.
+        /// Maximum.
         most: f64,
     },
     /// The cutting speed is not above the speed below which the force law is not trusted.
@@ -30,10 +31,10 @@ pub enum ChatterError {
         /// As given.
         floor_m_min: f64,
     },
-    /// The force law has no answer.
+    /// The force law has no force.
     #[error(transparent)]
     Force(#[from] ForceError),
-    /// The tool bends so far that no steady cut was found.
+    /// No steady cut was found, because the tool bends too far.
     #[error(
         "no steady cut found: at {depth_mm} mm depth the tool is pushed out of the cut; give a smaller \
          depth or a stiffer tool"
@@ -42,7 +43,7 @@ pub enum ChatterError {
         /// As given.
         depth_mm: f64,
     },
-    /// The least squares of the source know one law of force.
+    /// The published least squares use one force law only.
     #[error(
         "the least squares of the source take the radial force in proportion to the tangential one: leave \
          out force.radial_law for them"
@@ -54,7 +55,7 @@ pub enum ChatterError {
          smaller disturbance or a looser tolerance"
     )]
     Integration {
-        /// Where.
+        /// Time reached.
         time_s: f64,
         /// Steps taken.
         steps: usize,
@@ -70,7 +71,7 @@ pub enum ChatterError {
         /// Modes of both axes.
         modes: usize,
     },
-    /// The limit of the delay equation is not certain.
+    /// The limit of the delay equation is uncertain.
     #[error(
         "the delay equation has no certain limit: {waves:.0} waves of the fastest mode pass while a tooth \
          cuts, which it cannot tell apart from rounding; take the zero order"
@@ -79,27 +80,27 @@ pub enum ChatterError {
         /// Waves of the fastest mode in the cut of one tooth period.
         waves: f64,
     },
-    /// The limit of the delay equation means nothing.
+    /// The limit of the delay equation is meaningless.
     #[error(
         "the delay equation has no limit of use: below it a disturbance may grow {growth:.0e} times before \
          it dies out; give a higher speed"
     )]
     Growth {
-        /// A bound of it.
+        /// Upper bound of the growth.
         growth: f64,
     },
     /// Newton's method found no cycle near the given one.
     #[error("no cycle near {amplitude_mm:.4} mm and {frequency_hz:.2} Hz: give more harmonics")]
     NoCycle {
-        /// Amplitude where the search began.
+        /// Amplitude at the start of the search.
         amplitude_mm: f64,
-        /// Frequency where the search began.
+        /// Frequency at the start of the search.
         frequency_hz: f64,
     },
 }
 
 pub(crate) fn number(name: &'static str, value: f64, least: f64, most: f64) -> Result<(), ChatterError> {
-    // A NaN is in no range.
+    // No range contains NaN.
     if (least..=most).contains(&value) {
         return Ok(());
     }

@@ -1,8 +1,8 @@
 //! Stability of a cycle: its Floquet multipliers, by integrating the equations of motion in time.
 //!
-//! Newton's method on the motion over one period, with the variational equations: it finds unstable cycles as
-//! well as stable ones, and its matrix is the monodromy matrix, whose eigenvalues are the Floquet
-//! multipliers. It shares nothing with harmonic balance but the equations of motion and the starting point.
+//! Newton's method on the motion over one period, with the variational equations, finds unstable cycles as
+//! well as stable ones. Its matrix is the monodromy matrix, whose eigenvalues are the Floquet multipliers. It
+//! shares only the equations of motion and the starting point with harmonic balance.
 
 use nalgebra::{Complex, Matrix4, Matrix5, SVector, Schur, Vector5};
 
@@ -12,17 +12,17 @@ use crate::integrate::{Accuracy, Integrator};
 use crate::model::{Model, State};
 use crate::scan::MAX_FREE_PART;
 
-/// Samples over a period for the harmonics: what aliases lies beyond the 100th.
+/// Samples over a period for the harmonics: aliases are beyond the 100th.
 const SAMPLES: usize = 256;
-/// Harmonics that are kept of a motion in time.
+/// Number of harmonics of a motion in time.
 const HARMONICS: usize = 9;
-/// What a coarse motion may miss of closing, of its size, before it is closed for good.
+/// Relative closure of a coarse motion from which it is closed accurately.
 const COARSE_CLOSURE: f64 = 1e-5;
-/// Steps of Newton's method in a row that may fail to halve what is missing. Tuned: with 2 cycles are lost, 5
-/// finds no more.
+/// Maximum number of consecutive steps of Newton's method that do not halve the closure. Tuned: with 2 cycles
+/// are lost, 5 finds no more.
 const MAX_STALLED: u32 = 3;
 
-/// A cycle as integration in time has it.
+/// A cycle by integration in time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verified {
     /// Frequency, Hz.
@@ -35,9 +35,9 @@ pub struct Verified {
     pub half_peak_to_peak_m: [f64; 2],
     /// Floquet multipliers without the one that is 1, largest first.
     pub multipliers: [Complex<f64>; 3],
-    /// How much the multiplier that must be 1 is not.
+    /// Error of the multiplier that must be 1.
     pub trivial_error: f64,
-    /// Distance of start and end of the period over the amplitude: what the integration leaves.
+    /// Distance of start and end of the period relative to the amplitude: the error of the integration.
     pub closure: f64,
     /// A state of the cycle.
     pub state: State,
@@ -45,7 +45,7 @@ pub struct Verified {
     pub speed_m_min: [f64; 2],
     /// Lowest and highest depth of cut, mm.
     pub depth_mm: [f64; 2],
-    /// Part of the period out of contact.
+    /// Fraction of the period out of contact.
     pub free_part: f64,
     /// Harmonics of V1 and V2 from 0 (the mean) to 9, m, as in [`Cycle::harmonics_m`].
     pub harmonics_m: [Vec<Complex<f64>>; 2],
@@ -68,7 +68,7 @@ impl Verified {
         self.speed_m_min[0] > model.tool().floor_m_min && self.free_part <= MAX_FREE_PART
     }
 
-    /// Whether both are one cycle: amplitudes and frequencies to 1e-4, which is far above the accuracy of
+    /// Whether both are the same cycle: amplitudes and frequencies agree to 1e-4, far above the accuracy of
     /// either.
     #[must_use]
     pub fn is_same(&self, other: &Self) -> bool {
@@ -91,7 +91,7 @@ impl Verified {
         }
     }
 
-    /// The same with the deviations of a prediction.
+    /// The same with its deviations from a prediction.
     fn against(self, cycle: &Cycle) -> Self {
         Self {
             amplitude_error: cycle.amplitude_m(cycle.driver) / self.amplitude_m[cycle.driver] - 1.0,
@@ -104,11 +104,11 @@ impl Verified {
 /// State and monodromy matrix in one.
 type Wide = SVector<f64, 20>;
 
-/// Integrates a cycle and corrects it until it closes to `tolerance` of its amplitude (1e-9 is well within
-/// reach).
+/// Integrates a cycle and corrects it until it closes to `tolerance` of its amplitude (1e-9 is easily
+/// reached).
 ///
 /// # Errors
-/// No cycle near, or a motion out of the model.
+/// No cycle nearby, or a motion out of the model.
 pub fn verify(model: &Model<'_>, cycle: &Cycle, tolerance: f64) -> Result<Verified, ChatterError> {
     let size = cycle.amplitude_m(0).max(cycle.amplitude_m(1));
     let closed = shoot(model, cycle.state(0.0), 1.0 / cycle.frequency_hz, size, tolerance)?;
@@ -126,14 +126,14 @@ pub fn verify(model: &Model<'_>, cycle: &Cycle, tolerance: f64) -> Result<Verifi
 pub(crate) struct Closed {
     pub(crate) state: State,
     pub(crate) period: f64,
-    /// Distance of start and end over the size.
+    /// Distance of start and end relative to the size.
     closure: f64,
     monodromy: Matrix4<f64>,
     accuracy: Accuracy,
 }
 
-/// Newton's method from a state and a period to a motion that closes to `tolerance` of `size`, m; None where
-/// 20 steps do not lead to one.
+/// Newton's method from a state and a period to a motion that closes to `tolerance` of `size`, m; `None` if
+/// 20 steps do not reach one.
 ///
 /// # Errors
 /// A motion out of the model.
@@ -148,12 +148,11 @@ pub(crate) fn shoot(
     newton(model, state, first_period, size, tolerance, accuracy, |_, _| true)
 }
 
-/// As [`shoot`] to 1e-8, for a motion of which it is not known whether a cycle is near: coarsely first, and
-/// given up where a step leads to a state that is not `near`, or where the motion does not come nearer to
-/// closing.
+/// As [`shoot`] to 1e-8, for a motion that may not be near a cycle. It first closes the motion coarsely, and
+/// gives up if a step leads to a state that is not `near`, or if the motion does not get nearer to closing.
 ///
-/// Near a fold that is just missed Newton's method wanders for ever; near a root, even a double one, each
-/// step leaves less than half of what is missing.
+/// Near a fold that is just missed Newton's method does not converge; near a root, even a double one, each
+/// step leaves less than half of the distance.
 ///
 /// # Errors
 /// As [`shoot`].
@@ -193,8 +192,7 @@ pub(crate) fn shoot_near(
     Ok(closed.filter(|closed| near(&closed.state)))
 }
 
-/// Newton's method to a motion that closes, as long as its states and what they miss of closing are
-/// `promising`.
+/// Newton's method to a motion that closes, as long as its states and their closures are `promising`.
 fn newton(
     model: &Model<'_>,
     mut state: State,
@@ -217,7 +215,7 @@ fn newton(
         if !closure.is_finite() {
             return Ok(None);
         }
-        // One more step after it has closed does not get nearer than rounding.
+        // One more step after closing does not get below rounding errors.
         if closure <= tolerance {
             return Ok(Some(Closed {
                 state,
@@ -233,14 +231,14 @@ fn newton(
         let (rate, at_end) = (model.derivative(&state)?, model.derivative(&end)?);
         let mut matrix = Matrix5::zeros();
         let mut rhs = Vector5::zeros();
-        // Velocities in units of omega, so that pivots compare.
+        // Velocities in units of omega, so that pivots are comparable.
         let unit = [1.0, 1.0, omega, omega];
         for i in 0..4 {
             for k in 0..4 {
                 matrix[(i, k)] = (monodromy[(i, k)] - if i == k { 1.0 } else { 0.0 }) * unit[k] / unit[i];
             }
             matrix[(i, 4)] = at_end[i] / unit[i] / omega;
-            // The correction has no part along the motion.
+            // The correction has no component along the motion.
             matrix[(4, i)] = rate[i] / unit[i] / omega;
             rhs[i] = -miss[i] / unit[i];
         }
@@ -298,7 +296,7 @@ fn around(
     Ok((State::new(end[0], end[1], end[2], end[3]), monodromy))
 }
 
-/// What there is to say of a motion that closes; its deviations from a predicted one are zero.
+/// Properties of a motion that closes; its deviations from a prediction are zero.
 pub(crate) fn report(model: &Model<'_>, closed: &Closed) -> Result<Verified, ChatterError> {
     let mut state = closed.state;
     let mut integrator = Integrator::<4>::new(closed.accuracy);
@@ -342,8 +340,8 @@ pub(crate) fn report(model: &Model<'_>, closed: &Closed) -> Result<Verified, Cha
     })
 }
 
-/// Floquet multipliers without the one that belongs to a shift in time, largest first, and how far that is
-/// from 1.
+/// Floquet multipliers without the one of a shift in time, largest first, and the distance of that one from
+/// 1.
 fn multipliers(monodromy: &Matrix4<f64>) -> ([Complex<f64>; 3], f64) {
     let eigenvalues = Schur::try_new(*monodromy, 1e-15, 1000).map(|schur| schur.complex_eigenvalues());
     let mut multipliers: Vec<Complex<f64>> = eigenvalues
@@ -358,12 +356,12 @@ fn multipliers(monodromy: &Matrix4<f64>) -> ([Complex<f64>; 3], f64) {
     ([others[0], others[1], others[2]], trivial_error)
 }
 
-/// Floquet multipliers of a cycle as it is, without the one next to 1, largest first: by the classical
-/// Runge-Kutta method over one period, in 64 steps. They are as good as the cycle; those of [`verify`] are
-/// better.
+/// Floquet multipliers of an uncorrected cycle, without the one nearest to 1, largest first: by the classical
+/// Runge-Kutta method over one period, in 64 steps. They are as accurate as the cycle; those of [`verify`]
+/// are better.
 ///
 /// # Errors
-/// The force law does not reach as far.
+/// The motion is outside the force law.
 pub(crate) fn quick_multipliers(model: &Model<'_>, cycle: &Cycle) -> Result<[Complex<f64>; 3], ChatterError> {
     const STEPS: u32 = 64;
     let h = 1.0 / (cycle.frequency_hz * f64::from(STEPS));
@@ -385,8 +383,7 @@ pub(crate) fn quick_multipliers(model: &Model<'_>, cycle: &Cycle) -> Result<[Com
     Ok(multipliers(&monodromy).0)
 }
 
-/// Lowest and highest value of a periodic function from its samples: of the parabola through the three
-/// nearest.
+/// Minimum and maximum of a periodic function from its samples, by the parabola through three neighbours.
 fn extremes(values: &[f64]) -> [f64; 2] {
     let mut result = [f64::INFINITY, f64::NEG_INFINITY];
     for k in 0..values.len() {

@@ -1,23 +1,23 @@
 //! Integration in time: an embedded Runge-Kutta pair of order 5(4) with step control and events.
 //!
 //! The coefficients are those of J. R. Dormand, P. J. Prince, "A family of embedded Runge-Kutta formulae"
-//! (1980). The error of a step is held below `relative |x| + absolute` in each component; the error at the
-//! end is of that order times the number of swings. An event (a function of the state that changes its sign)
-//! is located by a cubic through the step's ends and a step that ends there, so that no step runs across it
-//! with both its stages' halves.
+//! (1980). The error of a step is below `relative |x| + absolute` in each component; the error at the end is
+//! of that order times the number of oscillations. An event (a function of the state that changes its sign)
+//! is located by a cubic through the ends of the step. The step is then shortened to end there, so that no
+//! step has stages on both sides of it.
 
 use nalgebra::SVector;
 
 use crate::error::ChatterError;
 
-/// How exact an integration is.
+/// The accuracy of an integration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Accuracy {
-    /// Part of each component that one step may miss.
+    /// Permitted error of a step, relative to each component.
     pub relative: f64,
-    /// ... and as a number in the component's unit.
+    /// ... and absolute, in the component's unit.
     pub absolute: f64,
-    /// Longest step, s.
+    /// Maximum step, s.
     pub longest_step_s: f64,
 }
 
@@ -32,7 +32,7 @@ impl Accuracy {
     }
 }
 
-/// Steps after which an integration is given up.
+/// Maximum number of steps.
 const MAX_STEPS: usize = 5_000_000;
 
 const A: [[f64; 6]; 6] = [
@@ -75,7 +75,7 @@ const E: [f64; 7] = [
     -1.0 / 40.0,
 ];
 
-/// Integrates an autonomous system; remembers its step between calls.
+/// Integrates an autonomous system; keeps its step between calls.
 #[derive(Clone, Debug)]
 pub struct Integrator<const N: usize> {
     accuracy: Accuracy,
@@ -84,7 +84,7 @@ pub struct Integrator<const N: usize> {
 }
 
 impl<const N: usize> Integrator<N> {
-    /// With an accuracy.
+    /// Creates an integrator with an accuracy.
     #[must_use]
     pub fn new(accuracy: Accuracy) -> Self {
         Self {
@@ -94,17 +94,17 @@ impl<const N: usize> Integrator<N> {
         }
     }
 
-    /// Steps taken so far, refused ones too.
+    /// Number of steps so far, including rejected ones.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// The state after `duration_s`. `rate` gives the time derivative; where `event` changes its sign a step
-    /// ends.
+    /// The state after `duration_s`. `rate` gives the time derivative; a step ends where `event` changes its
+    /// sign.
     ///
     /// # Errors
-    /// What `rate` refuses; a step that must be too small.
+    /// Errors of `rate`; a step that would be too small.
     pub fn run(
         &mut self,
         mut state: SVector<f64, N>,
@@ -122,7 +122,7 @@ impl<const N: usize> Integrator<N> {
         while time < duration_s {
             let wanted = self.step_s.min(self.accuracy.longest_step_s);
             let left = duration_s - time;
-            // No crumb of a step at the end.
+            // Avoids a tiny step at the end.
             let whole = if left <= wanted * 1.001 {
                 left
             } else if left < 2.0 * wanted {
@@ -151,7 +151,7 @@ impl<const N: usize> Integrator<N> {
             }
             let there = event(&next);
             if until_event.is_none() && side * there < 0.0 && located < 2 && h > 16.0 * smallest {
-                // The step runs across an event: end it just behind.
+                // The step crosses the event: shorten it to end just after the event.
                 let (d0, d1) = (slope(event, &state, &first, h), slope(event, &next, &last, h));
                 let s = crossing(side, there, h * d0, h * d1);
                 until_event = Some((h * s).clamp(4.0 * smallest, h));
@@ -170,7 +170,7 @@ impl<const N: usize> Integrator<N> {
             located = 0;
             time = if h >= left { duration_s } else { time + h };
             (state, first) = (next, last);
-            // Exactly on it the side is the one that the motion leads to.
+            // Exactly on the event, the motion decides on which side the state is.
             if there != 0.0 {
                 side = there;
             }
@@ -202,7 +202,7 @@ impl<const N: usize> Integrator<N> {
             let size = state[i].abs().max(next[i].abs());
             let scale = self.accuracy.absolute + self.accuracy.relative * size;
             let part = (h * miss / scale).abs();
-            // max() would drop a NaN.
+            // `max` would ignore NaN.
             error = if part.is_nan() {
                 f64::INFINITY
             } else {
@@ -213,7 +213,7 @@ impl<const N: usize> Integrator<N> {
     }
 }
 
-/// How fast the event changes along the motion.
+/// Derivative of the event function along the motion.
 fn slope<const N: usize>(
     event: &impl Fn(&SVector<f64, N>) -> f64,
     state: &SVector<f64, N>,
@@ -224,7 +224,7 @@ fn slope<const N: usize>(
     (event(&(state + rate * by)) - event(&(state - rate * by))) / (2.0 * by)
 }
 
-/// Where in (0, 1) the cubic of two values of different sign and two slopes is zero, a hair behind it.
+/// Zero in (0, 1) of the cubic with two values of different sign and two slopes, rounded to just after it.
 fn crossing(from: f64, to: f64, d0: f64, d1: f64) -> f64 {
     let value = |s: f64| {
         let r = 1.0 - s;

@@ -1,14 +1,14 @@
-//! The least squares of the source, as a method of its own for comparison.
+//! The published method of least squares, for comparison.
 //!
-//! S. L. Leonov and E. V. Veglov set both deflections as sines with unknown amplitudes, phase, frequency and
-//! means, and minimise the squared residuals of both equations over a period (their equation 4). Because rest
-//! is always a minimum, they go in three stages: step the amplitudes and fit frequency and phase, noting
-//! local minima; refine the amplitudes; refine all. Here with one frequency (two drift apart to values that
-//! mean nothing) and any number of harmonics.
+//! S. L. Leonov and E. V. Veglov use sines for both deflections, with unknown amplitudes, phase, frequency
+//! and means, and minimise the squared residuals of both equations over a period (their equation 4). Because
+//! rest is always a minimum, they use three stages: step the amplitudes and fit frequency and phase, noting
+//! local minima; refine the amplitudes; refine everything. This implementation uses one frequency (two drift
+//! apart to meaningless values) and any number of harmonics.
 //!
-//! The minimum of the residual is not zero at the true cycle with one harmonic: it lies beside it, and there
-//! are minima without any cycle. [`Fit::normalised`] tells them apart with five harmonics: 1e-9 to 3e-6 at
-//! true cycles, 1e-4 and more at false ones.
+//! With one harmonic, the residual at the true cycle is not zero: the minimum is beside it, and there are
+//! minima without a cycle. With five harmonics, [`Fit::normalised`] distinguishes them: 1e-9 to 3e-6 at true
+//! cycles, 1e-4 and more at false ones.
 
 use crate::elimination::solve;
 use crate::error::{ChatterError, number};
@@ -16,8 +16,8 @@ use crate::model::{Model, State};
 
 /// Samples over a period.
 const SAMPLES: usize = 64;
-/// Steps of the amplitude of V2, and how far beyond the amplitude at which the speed reaches the floor: there
-/// are false minima, and they belong to the method.
+/// Steps of the amplitude of V2, and the range relative to the amplitude at which the speed reaches the
+/// floor. False minima beyond it are part of the method.
 const STEPS: usize = 36;
 const REACH: f64 = 1.5;
 /// Steps of the ratio of the amplitudes.
@@ -42,10 +42,10 @@ pub struct Fit {
     pub reaches_floor: bool,
 }
 
-/// What is minimised.
+/// The function that is minimised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measure {
-    /// The squared residual, as in the source.
+    /// The squared residual, as published.
     Residual,
     /// The squared residual over the square of the elastic force.
     Normalised,
@@ -53,11 +53,11 @@ pub enum Measure {
 
 /// The least squares in three stages.
 ///
-/// `harmonics` from 1 to 16. The result holds the minima that the third stage ends in, the smallest amplitude
-/// first.
+/// `harmonics` from 1 to 16. The result contains the minima of the third stage, in ascending order of
+/// amplitude.
 ///
 /// # Errors
-/// A number of harmonics out of range, no steady cut, a law of its own for the radial force.
+/// A number of harmonics out of range, no steady cut, a separate law for the radial force.
 pub fn least_squares(
     model: &Model<'_>,
     harmonics: usize,
@@ -76,7 +76,7 @@ pub fn least_squares(
     let tool = model.tool();
     let omega = std::f64::consts::TAU * tool.axes[1].frequency_hz();
     let most = (tool.speed_m_min - tool.floor_m_min) / 60.0 / omega;
-    // First stage: amplitudes in steps (those of V1 by their ratio to V2), frequency and phase fitted at
+    // First stage: amplitudes in steps (those of V1 by their ratio to V2), with frequency and phase fitted at
     // each.
     let mut stepped: Vec<Option<(f64, Vec<f64>)>> = Vec::with_capacity(STEPS);
     for i in 0..STEPS {
@@ -102,7 +102,7 @@ pub fn least_squares(
         at.map_or(f64::INFINITY, |best| best.0)
     };
     let mut fits: Vec<Fit> = Vec::new();
-    // The first step borders on rest, which is always a minimum.
+    // The first step is next to rest, which is always a minimum.
     for i in 1..STEPS {
         let lowest = value(i - 1) > value(i) && value(i + 1) > value(i);
         let Some(Some((_, start))) = stepped.get(i).filter(|_| lowest) else {
@@ -118,7 +118,7 @@ pub fn least_squares(
         let Some(fit) = search.report(&unknowns) else {
             continue;
         };
-        // Fallen back to rest, or fled.
+        // Converged to rest, or diverged.
         let amplitude = fit.amplitude_m[1];
         let known = |other: &Fit| (other.amplitude_m[1] / amplitude - 1.0).abs() < 1e-3;
         if (0.02 * most..2.0 * REACH * most).contains(&amplitude) && !fits.iter().any(known) {
@@ -140,8 +140,8 @@ impl Search<'_, '_> {
         BASIC + 4 * (self.harmonics - 1)
     }
 
-    /// Value, first and second derivative by the angle of the part of V1 or V2 that belongs to an unknown,
-    /// per unit of it; and which coordinate it moves.
+    /// Value, first and second derivative by the angle, of the component of V1 or V2 that belongs to an
+    /// unknown, per unit of it; and its coordinate.
     fn part(&self, unknowns: &[f64], unknown: usize, angle: f64) -> (usize, [f64; 3]) {
         let wave = |n: f64, sine: bool| {
             let (c, s) = (libm::cos(n * angle), libm::sin(n * angle));
@@ -172,8 +172,8 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Residuals at all samples and their derivatives by the free unknowns, scaled by the elastic force if so
-    /// wanted, and the lowest speed; None where the law has no force.
+    /// Residuals at all samples and their derivatives by the free unknowns, optionally scaled by the elastic
+    /// force, and the lowest speed; `None` where the law has no force.
     fn residuals(&self, unknowns: &[f64], free: &[usize]) -> Option<(Vec<f64>, Vec<f64>, f64)> {
         let model = self.model;
         let omega = unknowns[0];
@@ -253,7 +253,7 @@ impl Search<'_, '_> {
         Some((residuals, derivatives, lowest))
     }
 
-    /// Levenberg's and Marquardt's method on the unknowns `free`; the mean squared residual.
+    /// Levenberg-Marquardt method on the unknowns `free`; returns the mean squared residual.
     fn fit(&self, unknowns: &mut Vec<f64>, free: &[usize], most: usize) -> Option<f64> {
         let count = free.len();
         let mean = |residuals: &[f64]| residuals.iter().map(|r| r * r).sum::<f64>() / SAMPLES as f64;

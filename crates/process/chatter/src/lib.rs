@@ -1,23 +1,24 @@
-//! Chatter: will a cut vibrate, how strongly, and at which speed not?
+//! Chatter: predicts whether a cut vibrates, at which amplitude, and at which speeds it is stable.
 //!
-//! Two mechanisms, kept apart because they need different data.
+//! Two mechanisms are treated separately, because they need different data.
 //!
-//! **Self-oscillation** of a tool on two springs in a force that falls with the speed and couples two
-//! directions. A [`CuttingTool`] and a force law make a [`Model`]. An [`Assessor`] tells everything about its
-//! cut: an [`Assessment`] with its cycles and a [`Verdict`]. For that [`Scanner::scan`] finds the steady cut,
-//! the growth of small vibrations, and cycles, stable or not, by harmonic balance along branches; [`verify`]
-//! integrates a cycle in time and gives its Floquet multipliers; a [`Follower`] follows disturbances in time.
-//! [`least_squares`] is the method of the source, for comparison. A [`Mapper`] computes maps of speed and
+//! **Self-oscillation** of a tool on two springs, in a force that falls with the speed and couples two
+//! directions. A [`CuttingTool`] and a force law make a [`Model`]. An [`Assessor`] combines all methods into
+//! an [`Assessment`] with the limit cycles and a [`Verdict`]. [`Scanner::scan`] finds the steady cut, the
+//! growth of small vibrations, and cycles, stable or not, by harmonic balance along branches. [`verify`]
+//! integrates a cycle in time and gives its Floquet multipliers. A [`Follower`] follows disturbances in time.
+//! [`least_squares`] is the published method, for comparison. A [`Mapper`] computes maps over speed and
 //! depth.
 //!
-//! **Regenerative chatter**, in which the tool cuts the waves of the revolution or the tooth before.
-//! [`Turning`] and [`Milling`] from measured [`Mode`]s give stability [`Lobes`] in the frequency domain;
-//! [`MillingDelay`] gives the limits and multipliers of the delay equation, and whether a limit is one of
-//! period doubling or of a vibration of its own, with its frequency ([`Chatter`]).
+//! **Regenerative chatter**: the tool cuts the waves of the previous revolution or tooth. [`Turning`] and
+//! [`Milling`] give stability [`Lobes`] in the frequency domain from measured [`Mode`]s. [`MillingDelay`]
+//! gives the limits and multipliers of the delay equation, and the kind of each limit with its frequency:
+//! period doubling or Hopf ([`Chatter`]).
 //!
-//! The first knows no delay, so it predicts no lobes; the second is linear, so it predicts no amplitude.
+//! The first mechanism has no delay, so it predicts no lobes; the second is linear, so it predicts no
+//! amplitude.
 //!
-//! A [`Case`] is a question as a file asks it.
+//! A [`Case`] is read from a case file and contains the data of either or both.
 //!
 //! ```
 //! use evolvent_chatter::{Assessor, CuttingTool, Model, PrincipalAxis, Verdict};
@@ -41,8 +42,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! SI units inside, but cutting speeds in m/min, depths and feeds of a cut in mm, as force laws have them.
-//! Everything here is pure: no files, clocks or threads; nothing is for the real-time cycle.
+//! Units are SI, except cutting speeds in m/min, and depths and feeds of a cut in mm, as in force laws. The
+//! crate uses no files, clocks or threads. Nothing is for the real-time cycle.
 
 mod adams;
 mod assess;

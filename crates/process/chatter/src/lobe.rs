@@ -1,8 +1,8 @@
 //! Regenerative chatter in the frequency domain: stability lobes of turning and milling from measured modes.
 //!
 //! The tool cuts the waves that it left a revolution (turning) or a tooth (milling) before. At the limit of
-//! stability it vibrates at one frequency, with the depth and the phase between waves that make the loop just
-//! close. For each frequency this gives a depth and, by the phase, one speed for every whole number of waves
+//! stability it vibrates at one frequency, with the depth and the phase between waves at which the loop just
+//! closes. For each frequency this gives a depth and, by the phase, one speed for every whole number of waves
 //! between two cuts.
 
 use nalgebra::Complex;
@@ -11,12 +11,12 @@ use crate::error::{ChatterError, number};
 
 type C = Complex<f64>;
 
-/// A mode of vibration of tool or workpiece, as a modal test gives it.
+/// A mode of vibration of tool or workpiece, as measured by a modal test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
     /// Natural frequency, Hz.
     pub frequency_hz: f64,
-    /// Part of critical damping.
+    /// Fraction of critical damping.
     pub damping_ratio: f64,
     /// Modal stiffness at the tool tip, N/m.
     pub stiffness_n_m: f64,
@@ -26,7 +26,7 @@ impl Mode {
     /// Checks the numbers.
     ///
     /// # Errors
-    /// What is not finite, not positive or absurd.
+    /// A number that is not finite, not positive or out of range.
     pub fn checked(self) -> Result<Self, ChatterError> {
         number("frequency_hz", self.frequency_hz, 0.1, 1e5)?;
         number("damping_ratio", self.damping_ratio, 1e-5, 0.9)?;
@@ -43,12 +43,12 @@ impl Mode {
     }
 }
 
-/// A mode of a turning tool and the direction it swings in.
+/// A mode of a turning tool and its direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurningMode {
     /// The mode.
     pub mode: Mode,
-    /// Angle between the mode and the direction of the chip's thickness, degrees.
+    /// Angle between the mode and the direction of the chip thickness, degrees.
     pub direction_deg: f64,
 }
 
@@ -100,28 +100,29 @@ pub struct Limit {
     pub frequency_hz: f64,
     /// Limit of the depth of cut, m.
     pub depth_m: f64,
-    /// Part of a wave by which successive cuts are out of step, 0 to 1.
+    /// Fraction of a wave by which successive cuts are out of step, 0 to 1.
     pub phase: f64,
 }
 
 impl Limit {
-    /// Spindle speed, rpm, at which `waves` whole waves and the phase lie between two cuts of `cuts_per_rev`.
+    /// Spindle speed, rpm, at which `waves` whole waves plus the phase are between two cuts of
+    /// `cuts_per_rev`.
     #[must_use]
     pub fn speed_rpm(&self, waves: u32, cuts_per_rev: u32) -> f64 {
         60.0 * self.frequency_hz / (f64::from(waves) + self.phase) / f64::from(cuts_per_rev.max(1))
     }
 }
 
-/// What gives limits over the frequency: turning, or milling by its zeroth harmonic.
+/// Limits over the frequency: of turning, or of milling by its zeroth harmonic.
 pub trait Lobes {
     /// Limits at a frequency: none, one, or more.
     fn limits(&self, frequency_hz: f64) -> [Option<Limit>; 2];
-    /// Modes, for the range of frequencies to look at.
+    /// Modes, which determine the range of frequencies.
     fn modes(&self) -> Vec<Mode>;
-    /// Cuts in a revolution.
+    /// Cuts per revolution.
     fn cuts_per_rev(&self) -> u32;
 
-    /// Frequencies at which to look: 2000 over the modes, denser near each of them.
+    /// Frequencies to evaluate: 2000 over the modes, denser near each of them.
     fn frequencies(&self) -> Vec<f64> {
         let modes = self.modes();
         let least = modes
@@ -148,8 +149,8 @@ pub trait Lobes {
         all
     }
 
-    /// The local minima of the limit over the frequency: the depths that are stable at every speed. Found to
-    /// 1e-10 of the frequency.
+    /// The local minima of the limit over the frequency, which are stable at every speed. Accurate to 1e-10
+    /// of the frequency.
     fn minima(&self) -> Vec<Limit> {
         let frequencies = self.frequencies();
         let depth = |frequency: f64, root: usize| {
@@ -190,11 +191,11 @@ pub trait Lobes {
         minima
     }
 
-    /// The limit of the depth at a spindle speed, to 1e-10 of the frequency; None where no depth chatters.
+    /// The limit of the depth at a spindle speed, to 1e-10 of the frequency; `None` if no depth chatters.
     fn limit_at(&self, speed_rpm: f64) -> Option<Limit> {
         let period = 60.0 / (speed_rpm * f64::from(self.cuts_per_rev()));
-        // Between these frequencies the depth rises or falls: the crossing at its lower end is the only one
-        // to look at, of however many.
+        // Between these frequencies the depth is monotone: of many crossings only the one at the lower end is
+        // needed.
         let mut frequencies = self.frequencies();
         frequencies.extend(self.minima().iter().map(|limit| limit.frequency_hz));
         frequencies.sort_by(f64::total_cmp);
@@ -215,8 +216,7 @@ pub trait Lobes {
                 if best.is_some_and(|best| best.depth_m <= low.depth_m) {
                     continue;
                 }
-                // Waves between two cuts without what the phase asks for, which does not jump between
-                // neighbours.
+                // Waves between two cuts minus those of the phase, which is continuous between neighbours.
                 let waves = |limit: &Limit| {
                     limit.frequency_hz * period - low.phase - wrapped(limit.phase - low.phase)
                 };
@@ -243,7 +243,7 @@ pub trait Lobes {
                         far = middle;
                     }
                 }
-                // Where roots change their order there is a jump, and no crossing.
+                // Where roots change their order there is a jump instead of a crossing.
                 if (waves(&found) - whole).abs() < 1e-6
                     && best.is_none_or(|best| found.depth_m < best.depth_m)
                 {
@@ -255,19 +255,19 @@ pub trait Lobes {
     }
 }
 
-/// Gain below which a mode counts as not excited: rounding of two cosines gives 6e-17, a mode at 0.001
+/// Gain below which a mode counts as not excited: the rounding of two cosines gives 6e-17, a mode at 0.001
 /// degrees from the right angle 2e-5.
 const UNEXCITED: f64 = 1e-12;
 
 impl Turning {
-    /// Modes, the angle between the cutting force and the direction of the chip's thickness in degrees, and
-    /// the cutting coefficient in N/m2.
+    /// Modes, the angle between the cutting force and the direction of the chip thickness in degrees, and the
+    /// cutting coefficient in N/m2.
     ///
-    /// A mode counts by the part of the force that drives it, times the part of its motion that changes the
-    /// chip.
+    /// The gain of a mode is the fraction of the force that drives it, times the fraction of its motion that
+    /// changes the chip.
     ///
     /// # Errors
-    /// No mode, or numbers that are no modes.
+    /// No mode, or invalid numbers.
     pub fn new(modes: &[TurningMode], force_deg: f64, coefficient_n_m2: f64) -> Result<Self, ChatterError> {
         number("number of modes", modes.len() as f64, 1.0, 50.0)?;
         number("force direction", force_deg, -360.0, 360.0)?;
@@ -277,7 +277,7 @@ impl Turning {
             number("direction_deg", mode.direction_deg, -360.0, 360.0)?;
             let (along, force) = (mode.direction_deg.to_radians(), force_deg.to_radians());
             let gain = libm::cos(along) * libm::cos(along - force);
-            // At a right angle neither cosine is 0 to the last bit: a mode that the force does not excite has
+            // At a right angle rounded cosines are not exactly 0: a mode that the force does not excite has
             // no limit.
             let gain = if gain.abs() < UNEXCITED { 0.0 } else { gain };
             checked.push((mode.mode.checked()?, gain));
@@ -341,7 +341,7 @@ impl MillingCut {
         Ok(self)
     }
 
-    /// A cut of a part of the tool's diameter, in down-milling (climb) or up-milling (conventional).
+    /// A cut over a fraction of the tool's diameter, in down-milling (climb) or up-milling (conventional).
     #[must_use]
     pub fn with_immersion(self, part: f64, down: bool) -> Self {
         let (entry, exit) = if down {
@@ -364,7 +364,7 @@ impl Milling {
     /// A cut with its modes along the feed and across it.
     ///
     /// # Errors
-    /// No mode, or numbers that are no cut.
+    /// No mode, or invalid numbers of the cut.
     pub fn new(cut: MillingCut, x: &[Mode], y: &[Mode]) -> Result<Self, ChatterError> {
         number("number of modes", (x.len() + y.len()) as f64, 1.0, 20.0)?;
         let checked = |modes: &[Mode]| {
@@ -386,7 +386,7 @@ impl Milling {
         &self.cut
     }
 
-    /// Mean of the directional factors over a tooth's way, xx, xy, yx, yy.
+    /// Mean of the directional factors over the path of a tooth: xx, xy, yx, yy.
     fn directions(&self) -> [f64; 4] {
         let kr = self.cut.radial_n_m2 / self.cut.tangential_n_m2;
         let at = |degrees: f64| {
@@ -406,8 +406,8 @@ impl Milling {
 
 impl Lobes for Milling {
     /// The zeroth harmonic of the directional factors: the eigenvalues of a quadratic (Y. Altintas, E. Budak,
-    /// "Analytical prediction of stability lobes in milling", 1995). Good for large immersion; at small
-    /// immersion it does not see the lobes of period doubling: see [`crate::MillingDelay`].
+    /// "Analytical prediction of stability lobes in milling", 1995). Accurate for large immersion. At small
+    /// immersion it misses the lobes of period doubling: see [`crate::MillingDelay`].
     fn limits(&self, frequency_hz: f64) -> [Option<Limit>; 2] {
         let sum = |modes: &[Mode]| modes.iter().map(|mode| mode.response(frequency_hz)).sum::<C>();
         let (gx, gy) = (sum(&self.x), sum(&self.y));
@@ -425,7 +425,7 @@ impl Lobes for Milling {
             let ratio = value.im / value.re;
             let depth_m = -std::f64::consts::TAU * value.re * (1.0 + ratio * ratio)
                 / (f64::from(self.cut.teeth) * self.cut.tangential_n_m2);
-            // A NaN is not positive.
+            // False for NaN too.
             if !(depth_m > 0.0 && depth_m.is_finite()) {
                 return None;
             }

@@ -1,10 +1,10 @@
-//! Maps over speed and depth: where a cut is stable, bistable, vibrates by itself, or leaves the model.
+//! Maps over speed and depth: whether a cut is stable, bistable, self-excited, or leaves the model.
 //!
-//! A cell has the verdict of a whole [`Assessor`], from less effort where little is enough: cycles are
-//! bracketed with one harmonic, refined with all, and their multipliers taken from one period; where no cycle
-//! is found, disturbances are followed. Wherever these do not fit together, the cell is assessed as a single
-//! cut is. A [`Mapper::tile`] is divided until the corners and the middle of each part agree; between them
-//! only growth and amplitude are computed.
+//! A cell has the verdict of a whole [`Assessor`], at less cost where possible: cycles are bracketed with one
+//! harmonic, refined with all, and their multipliers are taken from one period; without a cycle, disturbances
+//! are followed. If these results contradict each other, the cell is assessed like a single cut. A
+//! [`Mapper::tile`] is divided until the corners and the middle of each part agree; between them only growth
+//! and amplitude are computed.
 
 use nalgebra::Complex;
 
@@ -16,63 +16,63 @@ use crate::model::{CuttingTool, Equilibrium, Laws, Model, SmallMode, State};
 use crate::scan::{Branch, ScanPoint, Scanner};
 use crate::transient::Fate;
 
-/// How far a balance of few harmonics may be off. Tuned on the cells of ten maps, so that none differs from
-/// all harmonics.
+/// Error bounds of a balance of few harmonics. Tuned on the cells of ten maps, so that no cell differs from
+/// the result of all harmonics.
 #[derive(Clone, Copy, Debug)]
 struct Trust {
-    /// Extra damping below which two roots may hide, 1/s ...
+    /// Extra damping below which two roots may be missed, 1/s ...
     near_fold_per_s: f64,
-    /// ... and as part of the largest on the branch.
+    /// ... and as a fraction of the largest on the branch.
     near_fold_part: f64,
-    /// A minimum of the extra damping along a branch below this part of the largest may touch zero.
+    /// A minimum of the extra damping along a branch below this fraction of the largest may touch zero.
     grazing_part: f64,
-    /// How far beyond the end of a branch, as part of the amplitude there, a root may be within the model
-    /// after all.
+    /// Distance beyond the end of a branch, as a fraction of the amplitude there, at which a root may still
+    /// be within the model.
     near_end_part: f64,
 }
 
-/// Of one harmonic.
+/// For one harmonic.
 const ONE_HARMONIC: Trust = Trust {
     near_fold_per_s: 0.5,
     near_fold_part: 0.02,
     grazing_part: 0.06,
     near_end_part: 0.15,
 };
-/// Of three.
+/// For three harmonics.
 const THREE_HARMONICS: Trust = Trust {
     near_fold_per_s: 0.2,
     near_fold_part: 0.005,
     grazing_part: 0.02,
     near_end_part: 0.03,
 };
-/// Multipliers from a cycle that is as exact as five harmonics are good to this.
+/// Error of multipliers from a cycle with five harmonics.
 const MULTIPLIER_ERROR: f64 = 2e-3;
-/// ... and where the contact is lost to this.
+/// ... and with loss of contact.
 const FREE_MULTIPLIER_ERROR: f64 = 2e-2;
-/// Amplitudes of one harmonic and of all differ by less where both mean one cycle.
+/// Maximum relative difference of the amplitudes of one harmonic and of all for the same cycle.
 const REFINED_PART: f64 = 0.3;
-/// Largest part of a map, in cells to a side, that is taken for uniform.
+/// Maximum size of a part of a map that counts as uniform, in cells per side.
 const LARGEST_PART: usize = 7;
 
-/// What a map says of one cut.
+/// One cell of a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapCell {
     /// Cutting speed, m/min.
     pub speed_m_min: f64,
     /// Depth of cut, mm.
     pub depth_mm: f64,
-    /// The verdict; None where there is no steady cut or no force.
+    /// The verdict; `None` if there is no steady cut or no force.
     pub verdict: Option<Verdict>,
     /// Growth of the fastest growing small vibration, 1/s.
     pub growth_per_s: f64,
-    /// Amplitude of the larger coordinate on the largest stable cycle, m; 0 where there is none, or where the
-    /// cut leaves the model.
+    /// Amplitude of the larger coordinate on the largest stable cycle, m; 0 if there is none, or if the cut
+    /// leaves the model.
     pub amplitude_m: f64,
-    /// Its frequency, Hz; 0 where there is none.
+    /// Its frequency, Hz; 0 if there is none.
     pub frequency_hz: f64,
 }
 
-/// Computes cells of a map; keeps its working memory. One for each thread.
+/// Computes cells of a map; reuses its working memory. Use one per thread.
 ///
 /// ```
 /// # use evolvent_chatter::{CuttingTool, Mapper, PrincipalAxis, Verdict};
@@ -96,7 +96,7 @@ pub struct Mapper {
     ends: Scanner,
 }
 
-/// A cell, and what its neighbours can begin with.
+/// A cell, and the starting points for its neighbours.
 #[derive(Clone, Debug)]
 struct Node {
     cell: MapCell,
@@ -108,17 +108,17 @@ struct Node {
 /// Cycles of a cut, stable or not.
 type Survey = Vec<(Cycle, bool)>;
 
-/// What the balance has found of a cut.
+/// Results of the balance for a cut.
 #[derive(Clone, Debug, Default)]
 struct Found {
     branches: Vec<Branch>,
     cycles: Survey,
-    /// The first cycle on the branch that grows.
+    /// Stability of the first cycle on the growing branch.
     first_is_stable: bool,
 }
 
 impl Mapper {
-    /// Cycles are found with this many harmonics (5 for amplitudes to 1e-4).
+    /// Creates a mapper that finds cycles with this many harmonics (5 for amplitudes to 1e-4).
     #[must_use]
     pub fn new(harmonics: usize) -> Self {
         Self {
@@ -136,7 +136,7 @@ impl Mapper {
         self.node(tool, laws.into()).cell
     }
 
-    /// The cell of a tool's cut, and its cycles with whether each is stable.
+    /// The cell of a tool's cut, and its cycles with their stability.
     #[must_use]
     pub fn cycles<'a>(
         &mut self,
@@ -147,15 +147,15 @@ impl Mapper {
         (node.cell, node.cycles)
     }
 
-    /// Everything about the cut of a model.
+    /// The complete assessment of a model's cut.
     pub(crate) fn assess(&mut self, model: &Model<'_>) -> Result<Assessment, ChatterError> {
         self.assessor.assess(model)
     }
 
-    /// The cells of a rectangle of speeds, m/min, and depths, mm, both rising: speed by speed, from the
+    /// The cells of a rectangle of speeds, m/min, and depths, mm, both ascending: speed by speed, from the
     /// lowest depth up.
     ///
-    /// An island that is smaller than 4 cells across may be missed.
+    /// An island smaller than 4 cells across may be missed.
     #[must_use]
     pub fn tile<'a>(
         &mut self,
@@ -195,7 +195,7 @@ impl Mapper {
             cycle: None,
             cycles: Survey::new(),
         };
-        // What cannot be computed is a cell without a verdict.
+        // A cut that cannot be computed is a cell without a verdict.
         let _refused = self.fill(tool, law, &mut node);
         node
     }
@@ -230,7 +230,7 @@ impl Mapper {
             .map(|(cycle, _)| cycle);
         node.cycle = stable.max_by(|a, b| size(a).total_cmp(&size(b))).cloned();
         node.cycles = survey;
-        // What leaves the model does not stay on a cycle.
+        // A cut that leaves the model has no stable cycle.
         if verdict == Verdict::OutOfModel {
             node.cycle = None;
         }
@@ -256,7 +256,7 @@ impl Mapper {
         Ok(false)
     }
 
-    /// The branches and all their cycles; None where something does not fit together.
+    /// The branches and all their cycles; `None` if results contradict each other.
     fn survey(&mut self, model: &Model<'_>, rest: &Equilibrium) -> Result<Option<Found>, ChatterError> {
         let mut found = Found::default();
         for mode in &rest.modes {
@@ -282,7 +282,8 @@ impl Mapper {
         Ok(Some(found))
     }
 
-    /// The branch of a mode, with as few harmonics as tell its cycles, and these with all.
+    /// The branch of a mode with the minimum number of harmonics that find its cycles reliably; the cycles
+    /// with all harmonics.
     fn branch(
         &mut self,
         model: &Model<'_>,
@@ -296,7 +297,7 @@ impl Mapper {
         if self.fine.harmonics() > self.medium.harmonics() {
             let seen = branch.cycles.len();
             branch = self.medium.branch(model, rest, mode)?;
-            // Fewer cycles than one harmonic has seen may have been missed.
+            // With fewer cycles than one harmonic has found, some may have been missed.
             if branch.cycles.len() >= seen && self.refined(model, &mut branch, THREE_HARMONICS)? {
                 return Ok(branch);
             }
@@ -304,7 +305,7 @@ impl Mapper {
         self.fine.branch(model, rest, mode)
     }
 
-    /// Refines each cycle; false where the harmonics of the branch cannot be trusted to have found them all.
+    /// Refines each cycle; false if the harmonics of the branch may have missed some.
     fn refined(
         &mut self,
         model: &Model<'_>,
@@ -317,7 +318,7 @@ impl Mapper {
         let size = |point: &ScanPoint| point.extra_per_s.abs();
         let nearest = branch.points.iter().map(size).fold(f64::INFINITY, f64::min);
         let largest = branch.points.iter().map(size).fold(0.0, f64::max);
-        // Near a fold, or where a cycle is about to be born, few harmonics may see two roots or none.
+        // Near a fold, or just before a cycle appears, few harmonics may find two roots or none.
         let near = nearest < trust.near_fold_per_s.max(trust.near_fold_part * largest);
         if branch.mode.growth_per_s < 0.0 && near && branch.cycles.is_empty() {
             return Ok(false);
@@ -331,7 +332,7 @@ impl Mapper {
         if grazes {
             return Ok(false);
         }
-        // Just beyond the end of the branch a root may be within the model after all.
+        // Just beyond the end of the branch a root may still be within the model.
         if let [.., before, last] = branch.points.as_slice() {
             let slope = (last.extra_per_s - before.extra_per_s) / (last.amplitude_m - before.amplitude_m);
             let beyond = -last.extra_per_s / slope;
@@ -355,8 +356,8 @@ impl Mapper {
     }
 }
 
-/// Whether a cycle is stable, by its multipliers; None where it does not close in time, or lands on another
-/// one.
+/// Whether a cycle is stable, by its multipliers; `None` if it does not close in time, or converges to
+/// another one.
 fn stability(model: &Model<'_>, cycle: &Cycle) -> Result<Option<bool>, ChatterError> {
     let largest = quick_multipliers(model, cycle)?
         .iter()
@@ -377,7 +378,7 @@ fn stability(model: &Model<'_>, cycle: &Cycle) -> Result<Option<bool>, ChatterEr
     Ok((!landed).then(|| verified.stable()))
 }
 
-/// A rectangle of cells while it is divided.
+/// A rectangle of cells during its division.
 struct Tile<'a, F: Fn(usize, usize) -> CuttingTool> {
     mapper: &'a mut Mapper,
     law: Laws<'a>,
@@ -455,7 +456,7 @@ impl<F: Fn(usize, usize) -> CuttingTool> Tile<'_, F> {
 }
 
 impl Mapper {
-    /// A cell with the verdict of another one nearby; None where it is not alike.
+    /// A cell with the verdict of another one nearby; `None` if the two differ.
     fn alike(&mut self, tool: CuttingTool, law: Laws<'_>, like: &Node) -> Option<Node> {
         let mut node = like.clone();
         (node.cell.speed_m_min, node.cell.depth_mm) = (tool.speed_m_min, tool.depth_mm);
@@ -484,8 +485,8 @@ impl Mapper {
 }
 
 impl Assessor {
-    /// The verdict from cycles with their stability, where it is plain; disturbances are followed before
-    /// `Stable` is said.
+    /// The verdict from cycles with their stability, if it is unambiguous; disturbances are followed before
+    /// it is `Stable`.
     fn quick_verdict(&self, model: &Model<'_>, rest: &Equilibrium, found: &mut Found) -> Option<Verdict> {
         let survey = &mut found.cycles;
         let stable = survey.iter().any(|(_, stable)| *stable);
@@ -511,7 +512,7 @@ impl Assessor {
         let ends: Vec<State> = ends.filter_map(|branch| branch.largest).collect();
         let fates = self.disturbances(model, rest, &verified, &ends);
         let all = |is: fn(&Fate) -> bool| fates.iter().all(is);
-        // What attracts and the balance did not find.
+        // Attractors that the balance did not find.
         for fate in &fates {
             if let Fate::Settles(found) = fate
                 && !verified.iter().any(|known| known.is_same(found))

@@ -17,7 +17,7 @@ pub struct PrincipalAxis {
 }
 
 impl PrincipalAxis {
-    /// An axis from its damping ratio (part of critical damping).
+    /// An axis with a damping ratio (fraction of critical damping).
     #[must_use]
     pub fn with_ratio(mass_kg: f64, stiffness_n_m: f64, damping_ratio: f64) -> Self {
         Self {
@@ -34,7 +34,7 @@ impl PrincipalAxis {
     }
 }
 
-/// A tool in a cut: everything that [`Model`] needs but the force law.
+/// A tool in a cut: the data of a [`Model`] except the force law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CuttingTool {
     /// The principal axes V1, V2 of the tool's stiffness.
@@ -62,14 +62,14 @@ pub struct CuttingTool {
 /// m2 V2'' + G2 V2' + C2 V2 = Pz (-lambda sin b - cos b)     z = V1 sin b + V2 cos b     tf = t0 - y
 /// ```
 ///
-/// There is no regenerative delay in it: what the last revolution left on the surface is not seen.
+/// There is no regenerative delay: the surface of the previous revolution has no effect.
 ///
-/// With a law of its own for Py, that takes the place of `lambda Pz`.
+/// A separate law for Py replaces `lambda Pz`.
 #[derive(Clone, Copy, Debug)]
 pub struct Model<'a> {
     tool: CuttingTool,
     law: Section<'a>,
-    /// For Py, where it is not in proportion to Pz.
+    /// For Py, if it is not proportional to Pz.
     radial: Option<Section<'a>>,
     cos: f64,
     sin: f64,
@@ -82,7 +82,7 @@ pub struct Model<'a> {
 pub struct Laws<'a> {
     /// Of the tangential force Pz.
     pub tangential: &'a ForceLaw,
-    /// Of the radial force Py: what the law calls tangential is radial here. Without one, Py is
+    /// Of the radial force Py: the tangential force of this law is radial here. Without one, Py is
     /// [`CuttingTool::radial_ratio`] times Pz.
     pub radial: Option<&'a ForceLaw>,
 }
@@ -109,7 +109,7 @@ pub(crate) struct Pull {
     pub(crate) per_zdot: f64,
 }
 
-/// The steady cut and what becomes of small disturbances.
+/// The steady cut and its small vibrations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Equilibrium {
     /// Deflections V1, V2, m.
@@ -125,7 +125,7 @@ pub struct Equilibrium {
 pub struct SmallMode {
     /// Growth (positive) or decay of the amplitude, 1/s.
     pub growth_per_s: f64,
-    /// Frequency, Hz; 0 for a motion that does not swing.
+    /// Frequency, Hz; 0 for a motion that does not oscillate.
     pub frequency_hz: f64,
 }
 
@@ -138,11 +138,11 @@ impl Equilibrium {
 }
 
 impl<'a> Model<'a> {
-    /// Takes a tool and a force law together.
+    /// Combines a tool and a force law.
     ///
     /// # Errors
-    /// Numbers that are not finite or absurd, a speed at or below the floor, a feed at which the law has no
-    /// force.
+    /// Numbers that are not finite or out of range, a speed at or below the floor, a feed at which the law
+    /// has no force.
     pub fn new(tool: CuttingTool, laws: impl Into<Laws<'a>>) -> Result<Self, ChatterError> {
         let laws = laws.into();
         for axis in &tool.axes {
@@ -188,7 +188,7 @@ impl<'a> Model<'a> {
     /// The same law with another tool or cut.
     ///
     /// # Errors
-    /// As [`Model::new`]. The feed must be the same: the law is taken at a feed.
+    /// As [`Model::new`]. The feed must be the same, because the law is a section at a feed.
     pub(crate) fn with_tool(&self, tool: CuttingTool) -> Result<Self, ChatterError> {
         number(
             "feed_mm_rev",
@@ -238,17 +238,17 @@ impl<'a> Model<'a> {
         )
     }
 
-    /// Whether Py has a law of its own.
+    /// Whether Py has a separate law.
     pub(crate) fn has_radial_law(&self) -> bool {
         self.radial.is_some()
     }
 
-    /// Tangential force at an actual speed (held at the floor) and depth (none without contact).
+    /// Tangential force at an actual speed (clamped to the floor) and depth (0 without contact).
     pub(crate) fn pull(&self, speed: f64, depth: f64) -> Result<Pull, ChatterError> {
         self.pull_of(&self.law, speed, depth)
     }
 
-    /// Forces on V1 and V2, as [`Model::pull`].
+    /// Forces on V1 and V2, as in [`Model::pull`].
     pub(crate) fn pulls(&self, speed: f64, depth: f64) -> Result<[Pull; 2], ChatterError> {
         let tangential = self.pull(speed, depth)?;
         let Some(radial) = &self.radial else {
@@ -281,7 +281,7 @@ impl<'a> Model<'a> {
         Ok(law.tangential_n(self.floored(speed), depth)?)
     }
 
-    /// A NaN stays one: the law refuses it.
+    /// NaN stays NaN, and the law rejects it.
     fn floored(&self, speed: f64) -> f64 {
         if speed < self.tool.floor_m_min {
             self.tool.floor_m_min
@@ -291,7 +291,7 @@ impl<'a> Model<'a> {
     }
 
     fn pull_of(&self, law: &Section<'_>, speed: f64, depth: f64) -> Result<Pull, ChatterError> {
-        // A NaN is refused by the law.
+        // The law rejects NaN.
         if depth <= 0.0 {
             return Ok(Pull {
                 force: 0.0,
@@ -362,7 +362,7 @@ impl<'a> Model<'a> {
     /// The steady cut: deflection under a constant force, and its small vibrations.
     ///
     /// The force is the root of `P - Pz(V0, t0 - y(P))`, bracketed between 0 and twice the rigid tool's force
-    /// and found to 1e-14 of it.
+    /// and accurate to 1e-14 of it.
     ///
     /// # Errors
     /// No steady cut, or no force.
@@ -381,7 +381,8 @@ impl<'a> Model<'a> {
             let pull = self.pull(speed, depth - 1000.0 * y_per_n * force)?;
             Ok((force - pull.force, pull))
         };
-        // Pushed out of the cut the force is less than the rigid tool's, pulled into it more.
+        // If the tool is pushed out of the cut, the force is less than the rigid tool's; if it is pulled in,
+        // more.
         let (mut low, mut high) = (0.0, rigid);
         let mut doublings = 0;
         while residual(high)?.0 < 0.0 {
@@ -399,7 +400,7 @@ impl<'a> Model<'a> {
             } else {
                 low = force;
             }
-            // Newton where it stays within the bracket.
+            // Newton's method while it stays within the bracket.
             let newton = force - last.0 / (1.0 - last.1.per_y * y_per_n);
             let next = if newton > low && newton < high {
                 newton
@@ -424,7 +425,7 @@ impl<'a> Model<'a> {
 }
 
 impl Pull {
-    /// So much of this and so much of another force.
+    /// A weighted sum of this and another force.
     fn mixed(&self, own: f64, other: &Self, part: f64) -> Self {
         Self {
             force: own * self.force + part * other.force,
@@ -435,8 +436,8 @@ impl Pull {
 }
 
 impl Model<'_> {
-    /// The steady cut where both forces have laws: the actual depth at which the tool's deflection leaves
-    /// just that depth, by halving to 1e-15 of it.
+    /// The steady cut with laws for both forces: the actual depth that is consistent with the tool's
+    /// deflection, by bisection to 1e-15 of it.
     fn equilibrium_by_depth(&self) -> Result<Equilibrium, ChatterError> {
         let (speed, depth) = (self.tool.speed_m_min, self.tool.depth_mm);
         let bent = |actual: f64| -> Result<([f64; 2], [Pull; 2]), ChatterError> {
@@ -444,7 +445,7 @@ impl Model<'_> {
             let deflection = std::array::from_fn(|i| pulls[i].force / self.tool.axes[i].stiffness_n_m);
             Ok((deflection, pulls))
         };
-        // What the depth would be, less what it is: falls through zero.
+        // The resulting depth minus the assumed one: falls through zero.
         let miss = |actual: f64| -> Result<f64, ChatterError> {
             let ([v1, v2], _) = bent(actual)?;
             Ok(depth - 1000.0 * self.machine_axes(v1, v2).0 - actual)
@@ -477,9 +478,9 @@ impl Model<'_> {
         })
     }
 
-    /// Angular frequency and extra damping (in proportion to the masses, 1/s) with which a mode of small
-    /// vibration goes on for ever: where its eigenvalue lies on the imaginary axis. None for a mode that does
-    /// not swing.
+    /// Angular frequency and extra damping (proportional to the masses, 1/s) with which a mode of small
+    /// vibration neither grows nor decays: its eigenvalue is on the imaginary axis. `None` for a mode that
+    /// does not oscillate.
     pub(crate) fn balanced_mode(
         &self,
         rest: &Equilibrium,
@@ -490,12 +491,12 @@ impl Model<'_> {
         let omega = std::f64::consts::TAU * mode.frequency_hz;
         let mut value = Complex::new(mode.growth_per_s, omega);
         let mut extra = 0.0;
-        // In small steps, so that two modes of like frequency stay apart.
+        // In small steps, so that two modes of similar frequency remain distinct.
         let whole = 2.0 * mode.growth_per_s;
         let steps = (whole.abs() / (0.01 * omega)).ceil().clamp(1.0, 50.0);
         for k in 1..=60_u32 {
             let before = extra;
-            // Half of the extra damping is what the growth loses, nearly.
+            // The growth decreases by nearly half of the extra damping.
             extra = if f64::from(k) <= steps {
                 whole * f64::from(k) / steps
             } else {

@@ -1,10 +1,10 @@
-//! Harmonic balance with two laws of force: one along the cutting speed, one across it.
+//! Harmonic balance with two force laws: one along the cutting speed, one across it.
 //!
-//! With the radial force in proportion to the tangential one, one scalar drives both axes
-//! ([`crate::balance`]). With a law of its own the forces `F_1`, `F_2` on both axes are unknown:
-//! `V_i,n = F_i,n / (C_i - m_i n^2 w^2 + i n w (G_i + D m_i))`, but for the driver's first harmonic, which is
-//! its amplitude `A`. What remains are 4 N + 3 unknowns for 4 N + 2 equations: that the forces which the
-//! motion makes have these harmonics. Else as there.
+//! With a radial force proportional to the tangential one, one scalar drives both axes ([`crate::balance`]).
+//! With a separate law, the forces `F_1`, `F_2` on both axes are unknown: `V_i,n = F_i,n / (C_i - m_i n^2 w^2
+//! + i n w (G_i + D m_i))`, except for the driver's first harmonic, which is its amplitude `A`. This leaves 4
+//! N + 3 unknowns for 4 N + 2 equations: the forces of the motion must have these harmonics. Everything else
+//! is as in [`crate::balance`].
 
 use nalgebra::Complex;
 
@@ -18,14 +18,14 @@ type C = Complex<f64>;
 #[derive(Clone, Debug)]
 pub(crate) struct PairBalance {
     harmonics: usize,
-    /// Harmonics of y and z' by each unknown: `[unknown][n]`.
+    /// Derivatives of the harmonics of y and z' by each unknown: `[unknown][n]`.
     by: Vec<[C; 2]>,
     /// For both axes: sums over the samples of the force, and of its derivatives by y and z', times the
     /// waves.
     sums: [[Vec<f64>; 3]; 2],
 }
 
-/// Row, or unknown of the forces on one axis, of the cosine of harmonic `n`; the sine's is the next.
+/// Row, or unknown of the forces on one axis, of the cosine of harmonic `n`; the next is that of the sine.
 fn row(n: usize) -> usize {
     if n == 0 { 0 } else { 2 * n - 1 }
 }
@@ -42,7 +42,7 @@ impl PairBalance {
         }
     }
 
-    /// Equations of the balance; there is one unknown more.
+    /// Number of equations of the balance; there is one more unknown.
     pub(crate) fn equations(harmonics: usize) -> usize {
         2 * (2 * harmonics + 1)
     }
@@ -87,8 +87,8 @@ impl PairBalance {
         })
     }
 
-    /// Fills the matrix but for its last row, and the residual as first right hand side; the largest
-    /// residual.
+    /// Fills the matrix except for its last row, and the residual as first right-hand side; returns the
+    /// largest residual.
     pub(crate) fn linearise(
         &mut self,
         model: &Model<'_>,
@@ -122,7 +122,7 @@ impl PairBalance {
                 };
                 let here = both(deflection);
                 motion[n] = [motion[n][0] + here[0], motion[n][1] + here[1]];
-                // The velocity grows with w for itself; the driver's first harmonic is given.
+                // The velocity is also proportional to w; the driver's first harmonic is given.
                 add(1, [C::ZERO, C::new(0.0, n as f64) * deflection * to_z]);
                 if is_amplitude {
                     add(size, both(C::new(1.0, 0.0)));

@@ -1,61 +1,62 @@
-//! The scan: motions that an extra damping makes periodic, followed from each mode of small vibration.
+//! The scan: follows motions that an extra damping makes periodic, from each mode of small vibration.
 //!
 //! The branch that begins at a mode is a curve of motions of amplitude `A` and extra damping `D`. It is
 //! followed by its arc length (H. B. Keller's continuation), because near a coupling of two modes it turns
-//! back in `A`, to where the model ends or back to rest. `D = 0` is a cycle. The branch cannot fall back to
-//! rest by mistake, brackets every root, and finds a large cycle beside a steady cut that is stable against
-//! small disturbances. Whether a cycle is stable is not said here: see [`crate::verify`] for its multipliers.
+//! back in `A`. It ends at the limit of the model or at rest. A point with `D = 0` is a cycle. The branch
+//! cannot return to rest by mistake, brackets every root, and finds a large cycle beside a steady cut that is
+//! stable against small disturbances. The scan does not decide whether a cycle is stable: see
+//! [`crate::verify`] for its multipliers.
 
 use crate::balance::{Balance, Balanced, Condition};
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
 use crate::model::{Equilibrium, Model, SmallMode, State};
 
-/// Part of a period out of contact beyond which the model says nothing: the tool hammers.
+/// Fraction of a period out of contact above which the model is invalid: the tool hammers.
 pub const MAX_FREE_PART: f64 = 0.5;
-/// Steps of the scan up to the amplitude at which the model begins to end.
+/// Steps of the scan up to the amplitude at which the linear motion reaches the limit of the model.
 const STEPS: f64 = 24.0;
-/// Samples a period where the contact is lost: force over time then has a corner, which must lie between
-/// close ones.
+/// Samples per period with loss of contact: the force over time has a corner, which needs close samples.
 const FINE_SAMPLES: usize = 512;
-/// No scan needs more steps.
+/// Maximum number of steps of a scan.
 const MAX_STEPS: usize = 400;
-/// A point farther than this number of steps from the one before is on another part of the branch, or on
+/// Distance from the previous point, in steps, above which a point is on another part of the branch, or on
 /// another branch.
 const LEAP: f64 = 1.5;
-/// Frequency and extra damping that count, along a branch, as much as the whole amplitude or force: part of
-/// the frequency. Tuned: from 0.01 to 0.2 the same cycles are found, with the fewest steps at 0.05.
+/// Change of frequency and extra damping, relative to the frequency, that has the weight of the whole
+/// amplitude or force along a branch. Tuned: from 0.01 to 0.2 the same cycles are found, with the fewest
+/// steps at 0.05.
 const SPEED_PART: f64 = 0.05;
 
 /// Harmonics of the balance beyond the end of a branch.
 const END_HARMONICS: usize = 24;
-/// A motion at the end of a branch that so much extra damping, as part of the largest along it, keeps from
-/// dying out has no cycle near: in a balance of few harmonics ...
+/// Extra damping at the end of a branch, relative to the largest along it, from which no cycle is near: in a
+/// balance of few harmonics ...
 const FEW_DAMPED: f64 = 0.5;
 /// ... and of many.
 const MANY_DAMPED: f64 = 0.3;
-/// Motions of few and of many harmonics whose damping differs by more are not the same.
+/// Maximum relative difference of the damping of a motion with few and with many harmonics.
 const OTHER_DAMPED: f64 = 0.5;
 
-/// How the scan of a branch ended.
+/// The end of the scan of a branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScanEnd {
     /// The cutting speed falls to the floor below which the force law is not trusted.
     SpeedFloor,
     /// The tool is out of contact for more than half of the period.
     ContactLost,
-    /// The branch leads back to rest, at another mode.
+    /// The branch returns to rest, at another mode.
     Rest,
-    /// The balance was not found any more: what lies beyond is unknown.
+    /// The balance was not found any more: the continuation is unknown.
     NotFound,
-    /// The branch is longer than 400 steps: what lies beyond is unknown.
+    /// The branch is longer than 400 steps: the continuation is unknown.
     TooLong,
-    /// The mode does not swing, so no branch begins at it.
+    /// The mode does not oscillate, so no branch begins at it.
     NoBranch,
 }
 
 impl ScanEnd {
-    /// Whether the branch was followed to where the model ends, or to rest.
+    /// Whether the branch was followed to the limit of the model, or to rest.
     #[must_use]
     pub fn is_known(self) -> bool {
         !matches!(self, Self::NotFound | Self::TooLong)
@@ -67,7 +68,7 @@ impl ScanEnd {
 pub struct ScanPoint {
     /// Amplitude of the driving coordinate, m.
     pub amplitude_m: f64,
-    /// Extra damping that would make it a cycle, 1/s.
+    /// Extra damping that makes the motion periodic, 1/s.
     pub extra_per_s: f64,
     /// Frequency, Hz.
     pub frequency_hz: f64,
@@ -76,24 +77,24 @@ pub struct ScanPoint {
 /// The branch that begins at a mode of small vibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Branch {
-    /// Where it begins.
+    /// The mode at its start.
     pub mode: SmallMode,
     /// The coordinate whose amplitude was scanned (0 for V1, 1 for V2).
     pub driver: usize,
-    /// What was computed along it.
+    /// The computed points.
     pub points: Vec<ScanPoint>,
-    /// Cycles in the order in which the branch meets them.
+    /// Cycles in their order along the branch.
     pub cycles: Vec<Cycle>,
-    /// Where and why it ended.
+    /// Reason of the end.
     pub end: ScanEnd,
     /// A state of the last motion on it.
     pub largest: Option<State>,
-    /// The last motion on it, as the balance has it.
+    /// The last motion on it, from the balance.
     last: Option<Balanced>,
 }
 
 impl Branch {
-    /// Whether motions at the end of the branch would go on growing: out of the model.
+    /// Whether motions at the end of the branch continue to grow, out of the model.
     #[must_use]
     pub fn grows_at_the_end(&self) -> bool {
         match self.points.last() {
@@ -102,7 +103,7 @@ impl Branch {
         }
     }
 
-    /// Whether little extra damping would keep the last motion on it: a cycle may be near, beyond the end.
+    /// Whether little extra damping would balance the last motion: a cycle may be near, beyond the end.
     pub(crate) fn ends_near_a_cycle(&self) -> bool {
         let last = self
             .points
@@ -117,7 +118,7 @@ impl Branch {
     }
 }
 
-/// What a scan found.
+/// Results of a scan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
     /// The steady cut.
@@ -133,7 +134,7 @@ impl Prediction {
     }
 }
 
-/// A scan with this number of harmonics; keeps its working memory from one model to the next.
+/// A scan with a number of harmonics; reuses its working memory.
 #[derive(Clone, Debug)]
 pub struct Scanner {
     balance: Balance,
@@ -143,7 +144,7 @@ pub struct Scanner {
     halvings: usize,
 }
 
-/// A branch while it is followed.
+/// State of following a branch.
 struct Walk {
     driver: usize,
     /// Scale of each unknown, for lengths along the branch.
@@ -151,7 +152,7 @@ struct Walk {
 }
 
 impl Scanner {
-    /// For 1 to 64 harmonics; 5 give amplitudes to 1e-4.
+    /// Creates a scanner for 1 to 64 harmonics; 5 give amplitudes to 1e-4.
     #[must_use]
     pub fn new(harmonics: usize) -> Self {
         Self::with_balance(Balance::new(harmonics))
@@ -176,7 +177,7 @@ impl Scanner {
         }
     }
 
-    /// For maps where one harmonic cannot be trusted.
+    /// For maps if one harmonic is unreliable.
     pub(crate) fn medium() -> Self {
         Self {
             steps: 8.0,
@@ -185,7 +186,7 @@ impl Scanner {
         }
     }
 
-    /// For the ends of branches in maps: there few harmonics may not show a cycle.
+    /// For the ends of branches in maps, where few harmonics may miss a cycle.
     pub(crate) fn for_ends() -> Self {
         Self {
             balance: Balance::new(END_HARMONICS).until(1e-5),
@@ -194,7 +195,7 @@ impl Scanner {
         }
     }
 
-    /// For maps: as many samples and steps as amplitudes to 1e-4 need.
+    /// For maps: the samples and steps for amplitudes to 1e-4.
     pub(crate) fn for_maps(harmonics: usize) -> Self {
         Self {
             balance: Balance::with_samples(harmonics, (9 * harmonics).max(16)).until(1e-5),
@@ -207,7 +208,7 @@ impl Scanner {
     /// Every cycle of a model, on the branches of all its modes.
     ///
     /// # Errors
-    /// No steady cut, or a force law that does not reach as far as the motion.
+    /// No steady cut, or a motion outside the force law.
     pub fn scan(&mut self, model: &Model<'_>) -> Result<Prediction, ChatterError> {
         let equilibrium = model.equilibrium()?;
         let mut branches = Vec::with_capacity(2);
@@ -220,10 +221,10 @@ impl Scanner {
         })
     }
 
-    /// The cycle near a given one, with this scanner's number of harmonics; None where there is none.
+    /// The cycle near a given one, with this scanner's number of harmonics; `None` if there is none.
     ///
     /// # Errors
-    /// The force law does not reach as far.
+    /// The motion is outside the force law.
     pub fn refine(&mut self, model: &Model<'_>, cycle: &Cycle) -> Result<Option<Cycle>, ChatterError> {
         let rest = model.equilibrium()?;
         let omega = std::f64::consts::TAU * cycle.frequency_hz;
@@ -244,8 +245,8 @@ impl Scanner {
         Ok(Some(self.cycle(model, cycle.driver, &root)))
     }
 
-    /// Amplitudes of the driver at which the speed reaches the floor and the contact is lost, if all stayed
-    /// linear.
+    /// Amplitudes of the driver at which the speed would reach the floor and contact would be lost if the
+    /// motion stayed linear.
     fn reach(&self, model: &Model<'_>, driver: usize, tiny: &Balanced) -> (f64, f64) {
         let [v1, v2] = self.balance.deflections(model, driver, tiny);
         let (c, s) = model.machine_axes(1.0, 0.0);
@@ -257,7 +258,7 @@ impl Scanner {
         (floor, contact)
     }
 
-    /// The coordinate that swings most in a mode, and the motion at a tiny amplitude.
+    /// The coordinate with the largest motion in a mode, and the motion at a tiny amplitude.
     fn begin(
         &mut self,
         model: &Model<'_>,
@@ -323,11 +324,11 @@ impl Scanner {
         Ok(branch)
     }
 
-    /// Whether a branch without cycles that was found with fewer harmonics may have one beyond its end:
-    /// followed on with the harmonics of this scanner, it has one, or it cannot be followed.
+    /// Whether a branch without cycles that was found with fewer harmonics may have one beyond its end: with
+    /// the harmonics of this scanner the continued branch has a cycle, or cannot be followed.
     ///
     /// # Errors
-    /// The force law does not reach as far.
+    /// The motion is outside the force law.
     pub(crate) fn may_meet_a_cycle_beyond(
         &mut self,
         model: &Model<'_>,
@@ -341,7 +342,7 @@ impl Scanner {
         let (driver, amplitude) = (branch.driver, end.amplitude());
         let mut unknowns = self.balance.widened(model, &end.unknowns);
         let mut start = None;
-        // Where the model ends sooner with more harmonics, from a smaller motion.
+        // If the model ends earlier with more harmonics, starts from a smaller motion.
         for part in [1.0, 0.9, 0.75, 0.5] {
             let condition = Condition::Amplitude(part * amplitude);
             let Some(found) = self.balance.solve(model, driver, unknowns, condition)? else {
@@ -354,7 +355,7 @@ impl Scanner {
             unknowns = found.unknowns;
         }
         let Some(mut start) = start else { return Ok(true) };
-        // Not the same motion.
+        // A different motion.
         if (damped(&start) - damped(end)).abs() > OTHER_DAMPED {
             return Ok(true);
         }
@@ -378,7 +379,7 @@ impl Scanner {
         Ok(!beyond.cycles.is_empty() || !beyond.end.is_known())
     }
 
-    /// Follows a branch from a motion on it to its end; the last motion on it.
+    /// Follows a branch from a motion on it to its end; returns the last motion.
     fn follow(
         &mut self,
         model: &Model<'_>,
@@ -404,7 +405,7 @@ impl Scanner {
                     next
                 }
                 outcome => {
-                    // The end lies within this step, or the branch bends: come near to it.
+                    // The end is within this step, or the branch bends: approach it.
                     end = match &outcome {
                         Some(beyond) if !valid(model, beyond) => end_of(model, beyond),
                         _ if here.tangent_amplitude() < 0.0 && here.amplitude() < step * walk.size() => {
@@ -427,12 +428,12 @@ impl Scanner {
                 branch.end = ScanEnd::Rest;
                 break;
             }
-            // Once the model ended, the rest of the way is short.
+            // Once the model has ended, the remaining distance is short.
             let leaves = matches!(end, ScanEnd::SpeedFloor | ScanEnd::ContactLost);
             if !leaves {
                 (shortened, end) = (0, ScanEnd::NotFound);
                 let factor = if next.steps <= 3 { 1.5 } else { 1.0 };
-                // Far beyond the linear reach steps grow with the amplitude.
+                // Far beyond the linear reach, steps are proportional to the amplitude.
                 let far = (next.amplitude() / walk.size()).max(1.0);
                 step = (factor * step).min(longest * far);
             }
@@ -441,7 +442,7 @@ impl Scanner {
         Ok(here)
     }
 
-    /// The motion a step further along the tangent.
+    /// The motion one step along the tangent.
     fn along(
         &mut self,
         model: &Model<'_>,
@@ -489,7 +490,7 @@ impl Scanner {
             }
             return Ok(());
         }
-        // Two roots may hide between points on the same side: look at the extremum of the cubic through both.
+        // Two roots may be between points on the same side: examine the extremum of the cubic through both.
         let towards_zero = from.extra() * from.tangent[2] < 0.0 && to.extra() * to.tangent[2] > 0.0;
         if depth < 4
             && towards_zero
@@ -520,8 +521,8 @@ impl Scanner {
             let root = self
                 .balance
                 .solve(model, walk.driver, guess, Condition::Extra(0.0))?;
-            // Newton's method may leap to another part of the branch, or to the neighbour of two close roots:
-            // there the extra damping changes the other way.
+            // Newton's method may jump to another part of the branch, or to the neighbour of two close roots:
+            // there the slope of the extra damping has the opposite sign.
             if let Some(mut root) = root
                 && walk.distance(&low, &root) <= 1.2 * length
                 && walk.distance(&high, &root) <= 1.2 * length
@@ -544,7 +545,7 @@ impl Scanner {
         Ok(None)
     }
 
-    /// Where the contact is lost, the same root with more samples.
+    /// With loss of contact, the same root with more samples.
     fn in_contact_or_finer(
         &mut self,
         model: &Model<'_>,
@@ -574,7 +575,7 @@ impl Scanner {
         }
     }
 
-    /// Harmonics that are kept.
+    /// Number of harmonics.
     #[must_use]
     pub fn harmonics(&self) -> usize {
         self.balance.harmonics()
@@ -582,7 +583,7 @@ impl Scanner {
 }
 
 impl Walk {
-    /// Along the branch through a motion, on which the amplitude `size` counts as 1.
+    /// Starts on the branch through a motion, with the amplitude `size` as unit.
     fn new(rest: &Equilibrium, driver: usize, at: &Balanced, size: f64) -> Self {
         let mut scale = vec![rest.force_n; at.unknowns.len()];
         (scale[1], scale[2]) = (SPEED_PART * at.omega(), SPEED_PART * at.omega());
@@ -592,12 +593,12 @@ impl Walk {
         Self { driver, scale }
     }
 
-    /// The amplitude that counts as 1.
+    /// The amplitude that serves as unit.
     fn size(&self) -> f64 {
         self.scale.last().copied().unwrap_or(f64::NAN)
     }
 
-    /// Makes the tangent one of unit length that leads on from the last point, or to larger amplitudes at the
+    /// Normalizes the tangent so that it continues from the last point, or points to larger amplitudes at the
     /// first.
     fn orient(&self, at: &mut Balanced, from: Option<&Balanced>) {
         let dot = |a: &[f64], b: &[f64]| -> f64 {
@@ -623,7 +624,7 @@ impl Walk {
         )
     }
 
-    /// Whether the branch bends little enough between two points that they belong together.
+    /// Whether the branch bends little enough between two points that they are on the same part.
     fn is_near(&self, from: &Balanced, to: &Balanced) -> bool {
         let all = from.tangent.iter().zip(&to.tangent).zip(&self.scale);
         let cosine: f64 = all.map(|((a, b), scale)| a * b / (scale * scale)).sum();
@@ -651,7 +652,8 @@ fn point(at: &Balanced) -> ScanPoint {
     }
 }
 
-/// Where the cubic through two values and slopes of `D` has its extremum towards zero, as part of the length.
+/// Position of the extremum towards zero of the cubic through two values and slopes of `D`, as a fraction of
+/// the length.
 fn extremum(from: &Balanced, to: &Balanced, length: f64) -> Option<f64> {
     let (d0, d1) = (length * from.tangent[2], length * to.tangent[2]);
     let rise = to.extra() - from.extra();
@@ -670,7 +672,7 @@ fn extremum(from: &Balanced, to: &Balanced, length: f64) -> Option<f64> {
             best = Some(s);
         }
     }
-    // What is far from zero for the cubic is far for the branch.
+    // Far from zero for the cubic is far from zero for the branch.
     let limit = 0.3 * from.extra().abs().max(to.extra().abs());
     best.filter(|s| value(*s) * from.extra() <= 0.0 || value(*s).abs() < limit)
 }

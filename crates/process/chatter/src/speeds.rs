@@ -1,4 +1,4 @@
-//! Which speed would be stable.
+//! The nearest stable speeds.
 
 use crate::assess::Verdict;
 use crate::map::Mapper;
@@ -7,7 +7,7 @@ use crate::model::{CuttingTool, Laws, Model};
 /// The nearest stable speeds below and above a cut's speed, m/min, within `range_m_min`; each to 0.1 %.
 ///
 /// Stable means that every disturbance dies out: bistable speeds do not count. Speeds are tried in steps of 2
-/// %, so a stable gap that is narrower may be missed.
+/// %, so a narrower stable gap may be missed.
 #[must_use]
 pub fn nearest_stable<'a>(
     mapper: &mut Mapper,
@@ -37,7 +37,7 @@ pub fn nearest_stable<'a>(
                         unstable_at = middle;
                     }
                 }
-                // A map's cell is quick; what is advised has been looked at in every way.
+                // A cell of a map is quick; a speed that is recommended has been assessed completely.
                 let whole = Model::new(
                     CuttingTool {
                         speed_m_min: stable_at,

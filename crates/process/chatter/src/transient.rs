@@ -1,9 +1,9 @@
-//! What becomes of a disturbance: the motion followed in time.
+//! The fate of a disturbance: the motion followed in time.
 //!
-//! The classical Runge-Kutta method with 32 steps per period of the faster axis: it takes 1e-5 of the
-//! amplitude a period, far less than the damping of any tool. Beyond the model the motion goes on with the
-//! force held at the floor of the speed, and none out of contact, so that every motion has an end: it dies
-//! out, settles on a cycle, goes on within the model without one, or stays beyond the model.
+//! The classical Runge-Kutta method with 32 steps per period of the faster axis: it damps the amplitude by
+//! 1e-5 per period, far less than the damping of any tool. Beyond the model the motion continues with the
+//! force at the floor of the speed, and without force out of contact, so that every motion has an end: it
+//! dies out, settles at a cycle, continues within the model without one, or stays beyond the model.
 
 use crate::adams::{Adams, AdamsMotion, forces_n};
 use crate::error::ChatterError;
@@ -15,24 +15,24 @@ use crate::scan::MAX_FREE_PART;
 const STEPS: f64 = 32.0;
 /// Periods of the slower axis in a window.
 const PERIODS: f64 = 8.0;
-/// A disturbance that has fallen to this part of the largest within the model has died out: the law is linear
-/// there.
+/// Size relative to the largest disturbance within the model from which a disturbance has died out: the law
+/// is linear there.
 const DEAD_PART: f64 = 0.01;
 /// Windows beyond the model, none smaller than the first, after which a motion has left it.
 const WINDOWS_OUTSIDE: usize = 4;
-/// ... and windows after which it has left however it changes.
+/// ... and windows after which it has left in any case.
 const MAX_WINDOWS_OUTSIDE: usize = 60;
 
-/// What becomes of a disturbance.
+/// The fate of a disturbance.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fate {
-    /// The steady cut comes back.
+    /// The motion returns to the steady cut.
     DiesOut,
-    /// It settles on a stable cycle.
+    /// It settles at a stable cycle.
     Settles(Box<Verified>),
-    /// It goes on within the model, on no cycle that was found: a beat of two frequencies.
+    /// It continues within the model without a cycle: a beat of two frequencies.
     GoesOn,
-    /// It still grew, within the model, when it was followed no longer.
+    /// It was still growing, within the model, at the end of the time limit.
     StillGrows,
     /// It grows out of the model.
     Leaves,
@@ -43,7 +43,7 @@ pub enum Fate {
 /// Follows disturbances of a steady cut.
 #[derive(Clone, Debug)]
 pub struct Follower<'a> {
-    /// Stable cycles that are known, with their largest and smallest size, m/s.
+    /// Known stable cycles, with their maximum and minimum size, m/s.
     known: Vec<(Verified, [f64; 2])>,
     model: Model<'a>,
     rest: State,
@@ -55,21 +55,21 @@ pub struct Follower<'a> {
     windows_outside: usize,
     /// Velocity at which the cutting speed would reach the floor, m/s.
     reach: f64,
-    /// Part of it, or of the first size where that is smaller, that counts as rest.
+    /// Fraction of it, or of the first size if that is smaller, that counts as rest.
     dead: f64,
-    /// Steps of one force each, where haste is in order.
+    /// The method with one force per step, for quick results.
     adams: Option<Adams>,
 }
 
 /// A window of a motion.
 struct Window {
-    /// Largest and smallest size, m/s.
+    /// Maximum and minimum size, m/s.
     peak: f64,
     least: f64,
     outside: bool,
 }
 
-/// A motion near a cycle that need not be stable.
+/// A motion near a cycle, which may be unstable.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lingering {
     pub(crate) state: State,
@@ -77,8 +77,8 @@ pub(crate) struct Lingering {
 }
 
 impl<'a> Follower<'a> {
-    /// About a steady cut, for 375 to 1000 periods of the slower axis, the longer the slower small vibrations
-    /// change.
+    /// Creates a follower for a steady cut, for 375 to 1000 periods of the slower axis: longer if small
+    /// vibrations change slowly.
     #[must_use]
     pub fn new(model: Model<'a>, rest: &Equilibrium) -> Self {
         let frequencies = model.axes().map(|axis| axis.frequency_hz());
@@ -105,8 +105,8 @@ impl<'a> Follower<'a> {
         }
     }
 
-    /// Takes a disturbance for dead that has fallen to 0.3 of itself, in windows of half the length by the
-    /// exponential Adams method: where no smaller cycle is known.
+    /// Counts a disturbance as dead if it has fallen to 0.3 of its size, in windows of half the length, by
+    /// the exponential Adams method. Use it if no smaller cycle is known.
     pub(crate) fn hasty(self) -> Self {
         Self {
             dead: 0.3,
@@ -117,7 +117,7 @@ impl<'a> Follower<'a> {
         }
     }
 
-    /// Tells of a stable cycle, so that a motion that reaches it need not be followed to the end.
+    /// Adds a known stable cycle: a motion that reaches it is followed no further.
     pub(crate) fn add_stable_cycle(&mut self, cycle: &Verified) {
         let (mut state, mut sizes) = (cycle.state, [f64::INFINITY, 0.0_f64]);
         let count = (1.0 / (cycle.frequency_hz * self.step_s)).ceil() as usize;
@@ -130,7 +130,7 @@ impl<'a> Follower<'a> {
         self.known.push((cycle.clone(), sizes));
     }
 
-    /// Velocity along the cutting speed at which it would reach the floor, m/s.
+    /// Velocity along the cutting speed at which the speed would reach the floor, m/s.
     #[must_use]
     pub fn reach_m_s(&self) -> f64 {
         self.reach
@@ -142,7 +142,7 @@ impl<'a> Follower<'a> {
         self.rest
     }
 
-    /// Size of a disturbance, m/s: the velocity of all mass that has its energy.
+    /// Size of a disturbance, m/s: the velocity of the total mass with the same energy.
     #[must_use]
     pub fn size_m_s(&self, state: &State) -> f64 {
         libm::sqrt(self.square_size(state))
@@ -169,11 +169,11 @@ impl<'a> Follower<'a> {
         Ok(state + (first + (second + third) * 2.0 + fourth) * (h / 6.0))
     }
 
-    /// Steps of [`Follower::samples`], at most.
+    /// Maximum number of steps of [`Follower::samples`].
     pub const MAX_STEPS: usize = 1_000_000;
 
-    /// Samples of the motion from a state, time in s and state, until `duration_s` or where the force law
-    /// ends, and [`Self::MAX_STEPS`] steps at most.
+    /// Samples of the motion from a state, time in s and state, until `duration_s` or the end of the force
+    /// law, with at most [`Self::MAX_STEPS`] steps.
     #[must_use]
     pub fn samples(&self, start: State, duration_s: f64) -> Vec<(f64, State)> {
         let count = (duration_s / self.step_s).clamp(0.0, Self::MAX_STEPS as f64) as usize;
@@ -190,7 +190,7 @@ impl<'a> Follower<'a> {
         all
     }
 
-    /// This many steps of a motion; None where the force law ends.
+    /// This many steps of a motion; `None` at the end of the force law.
     fn window(&self, motion: &mut AdamsMotion, steps: usize) -> Option<Window> {
         // Squares of sizes.
         let (mut peak, mut least) = (0.0_f64, f64::INFINITY);
@@ -211,7 +211,7 @@ impl<'a> Follower<'a> {
         })
     }
 
-    /// One step of a motion; the speed and the depth after it. None where the force law ends.
+    /// One step of a motion; the speed and the depth after it. `None` at the end of the force law.
     fn advance(&self, motion: &mut AdamsMotion) -> Option<(f64, f64)> {
         let Some(adams) = &self.adams else {
             motion.state = self.step(&motion.state).ok()?;
@@ -230,22 +230,22 @@ impl<'a> Follower<'a> {
         Some((speed, depth))
     }
 
-    /// What becomes of a motion that begins at a state.
+    /// The fate of a motion that begins at a state.
     #[must_use]
     pub fn fate(&self, start: State) -> Fate {
         self.follow(start).0
     }
 
-    /// What becomes of a motion, and where its size changed least.
+    /// The fate of a motion, and where its size changed least.
     pub(crate) fn follow(&self, start: State) -> (Fate, Option<Lingering>) {
         let mut lingering: Option<Lingering> = None;
         let mut motion = AdamsMotion::new(start);
         let mut peaks: Vec<f64> = Vec::new();
         let (mut run, mut run_peak) = (0, 0.0);
-        // Shooting is dear: each further attempt waits twice as long.
+        // Shooting is expensive: each further attempt waits twice as long.
         let (mut next_attempt, mut wait, mut settled, mut arrived) = (4, 8, 0, 0);
         let most = (self.longest_s / (self.step_s * self.window as f64)) as usize;
-        // Two periods tell whether it begins within the model: what leaves later has grown.
+        // Two periods show whether it begins within the model: a motion that leaves later has grown.
         if self
             .window(&mut motion, (self.two_periods_s / self.step_s) as usize)
             .is_none_or(|window| window.outside)
@@ -259,7 +259,7 @@ impl<'a> Follower<'a> {
             };
             let state = motion.state;
             if window.outside {
-                // Short windows see less than a beat of two frequencies.
+                // Short windows cover less than a beat of two frequencies.
                 if run < self.windows_outside / WINDOWS_OUTSIDE {
                     run_peak = if run == 0 {
                         window.peak
@@ -337,7 +337,7 @@ impl<'a> Follower<'a> {
     /// The cycle that a motion is on, or close to.
     pub(crate) fn cycle_near(&self, state: &State) -> Option<Verified> {
         let closed = self.close(state)?;
-        // Newton's method may leap to another cycle.
+        // Newton's method may jump to another cycle.
         let (here, there) = (self.size_m_s(state), self.size_m_s(&closed.state));
         if (there / here - 1.0).abs() > 0.1 {
             return None;
@@ -367,7 +367,7 @@ impl<'a> Follower<'a> {
             return None;
         };
         let period = (last - first) / (passages.len() - 1) as f64 * self.step_s;
-        // What leads back to rest, or far away, is another motion.
+        // A return to rest, or to a distant motion, is a different motion.
         let here = self.size_m_s(state);
         let is_near = |state: &State| (0.5..=2.0).contains(&(self.size_m_s(state) / here));
         shoot_near(&self.model, *state, period, size, is_near)

@@ -1,10 +1,10 @@
-//! Case files: what ships is read, what is wrong is refused with its place, and the schema is that of the
-//! code.
+//! Case files: shipped files are read, errors are reported with their position, and the shipped schema
+//! matches the code.
 
 use evolvent_chatter::{Case, case_schema};
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};
 
-/// To write the file anew: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-chatter schema`.
+/// To regenerate the file: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-chatter schema`.
 #[test]
 fn the_shipped_schema_is_that_of_the_code() {
     assert_schema("chatter-case.schema.json", &case_schema(), "evolvent-chatter");
@@ -21,7 +21,7 @@ fn bad_files_are_refused_with_line_column_and_key() {
             edit("beta_deg = 35.0", "beta = 35.0", "beta"),
             edit("law = \"40X-R1\"", "law = \"41X\"", "force.law"),
             edit("mass_kg = 6.0", "mass_kg = -6.0", "mass_kg"),
-            // What is no TOML is told where it ends to be so.
+            // Invalid TOML is reported where it ends to be TOML.
             Edit {
                 column: 16,
                 ..edit("lead_deg = 60.0", "lead_deg = 60.0.0", "")
@@ -31,7 +31,7 @@ fn bad_files_are_refused_with_line_column_and_key() {
     );
 }
 
-/// Following a disturbance for a thousand periods of 252 Hz in steps of 132 kHz would not end.
+/// A disturbance followed for a thousand periods of 252 Hz in steps of 132 kHz would take too long.
 #[test]
 fn axes_with_frequencies_far_apart_are_refused() {
     let text = shipped("processes/chatter-40x.toml");

@@ -1,5 +1,5 @@
-//! Self-oscillation against figures that were computed independently, in another language, by integration
-//! with a relative tolerance of 1e-9 and by another harmonic balance.
+//! Self-oscillation compared with values that were computed independently, in another language, by
+//! integration with a relative tolerance of 1e-9 and by another harmonic balance.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
@@ -63,14 +63,14 @@ fn the_sustained_case_has_its_frequency_amplitudes_means_and_phase() {
     near(cycle.frequency_hz, f, 1e-4, "frequency");
     near(cycle.amplitude_m(0), a[0], 1e-3, "A1");
     near(cycle.amplitude_m(1), a[1], 1e-3, "A2");
-    // What this number of harmonics is known to miss.
+    // The known error of this number of harmonics.
     near(
         cycle.amplitude_m(1) / a[1] - 1.0,
         1.068e-5,
         0.02,
         "error of five harmonics",
     );
-    // The source writes both as sines of their own angle; ahead or behind is the same lag.
+    // The paper writes both as sines of separate angles; lead or lag is the same difference.
     near(cycle.phase_rad().abs(), 2.116_606_513_123_745, 1e-3, "phase");
     near(cycle.mean_m(0), -2.754_059_366_126_744e-5, 1e-5, "mean 1");
     near(cycle.mean_m(1), -2.351_086_286_261_262_7e-4, 1e-5, "mean 2");
@@ -126,7 +126,7 @@ fn errors_fall_with_the_harmonics_as_they_are_known_to() {
             let prediction = Scanner::new(harmonics).scan(&model).unwrap();
             let cycle = prediction.cycles().find(|cycle| cycle.stable_by_slope()).unwrap();
             let miss = cycle.amplitude_m(1) / amplitude - 1.0;
-            // With few harmonics the number of samples shows.
+            // With few harmonics the result depends on the number of samples.
             let slack = if harmonics < 5 { 2e-5 } else { 2e-7 };
             assert!(
                 (miss - by_amplitude).abs() < slack,
@@ -192,7 +192,8 @@ fn the_bistable_case_has_both_cycles_and_kicks_go_to_the_right_side() {
         "stable amplitude in time",
     );
     assert!(!verified[0].stable() && verified[1].stable());
-    // Kicks, integrated over 3 s: those below the unstable cycle die out, those above reach the stable one.
+    // Impulses, integrated over 3 s: those below the unstable cycle die out, those above reach the stable
+    // one.
     let law = steel();
     let model = Model::new(tool(100.0, 0.008), &law).unwrap();
     for (kick, stays) in [(0.60, false), (0.64, false), (0.70, true), (0.90, true)] {
@@ -205,7 +206,7 @@ fn the_bistable_case_has_both_cycles_and_kicks_go_to_the_right_side() {
     }
 }
 
-/// Half of peak to peak of V2 in the last 20 ms of 3 s after a kick, m.
+/// Half of peak to peak of V2 in the last 20 ms of 3 s after an impulse, m.
 fn common_kick(model: &Model<'_>, kick_m_s: f64) -> f64 {
     let rest = model.equilibrium().unwrap().deflection_m;
     let mut state = evolvent_chatter::State::new(rest[0], rest[1], 0.0, kick_m_s);
@@ -285,7 +286,8 @@ fn over_the_speed_cycles_come_and_go_as_known_and_none_is_invented() {
     assert!(!grows(40.0) && grows(41.0) && grows(70.9) && !grows(72.0));
 }
 
-/// The tool leaves the work for a quarter of the period: five harmonics keep 5e-3, and more come nearer.
+/// The tool leaves the work for a quarter of the period: five harmonics are accurate to 5e-3, more are
+/// better.
 #[test]
 fn with_loss_of_contact_five_harmonics_keep_five_thousandths() {
     for (speed, ratio, depth, beta) in [
@@ -339,7 +341,7 @@ fn the_least_squares_of_the_source_have_their_known_bias_with_one_harmonic() {
         "normalised amplitude, 8 % short",
     );
     near(fit.normalised, 1.370_179e-4, 1e-3, "normalised residual");
-    // Nothing cures it but harmonics.
+    // Only more harmonics remove it.
     let fits = least_squares(&model, 5, Measure::Normalised).unwrap();
     let fit = fits.iter().find(|fit| fit.normalised < 3e-6).unwrap();
     near(
@@ -348,7 +350,7 @@ fn the_least_squares_of_the_source_have_their_known_bias_with_one_harmonic() {
         5e-3,
         "amplitude with five harmonics",
     );
-    // A stable cut has minima too, and their residual shows them to be false.
+    // A stable cut has minima too, and their residual shows that they are false.
     let model = Model::new(tool(25.0, 0.02), &law).unwrap();
     let fits = least_squares(&model, 5, Measure::Normalised).unwrap();
     assert!(fits.iter().all(|fit| fit.normalised > 1e-4), "{fits:?}");
@@ -387,7 +389,7 @@ fn what_the_model_cannot_answer_is_said() {
         beta_deg: -60.0,
         ..tool(60.0, 0.02)
     };
-    // Pulled into the cut by a spring far too soft.
+    // Pulled into the cut by a spring that is far too soft.
     let mut softer = soft;
     for axis in &mut softer.axes {
         axis.stiffness_n_m *= 1e-3;

@@ -1,4 +1,4 @@
-//! Stability lobes against published and independently computed figures, and against each other.
+//! Stability lobes compared with published and independently computed values, and with each other.
 
 use evolvent_chatter::{ChatterError, Lobes, Milling, MillingCut, MillingDelay, Mode, Turning, TurningMode};
 
@@ -44,8 +44,8 @@ fn the_turning_benchmark_with_two_modes() {
     }
 }
 
-/// At low speed many waves lie between two cuts, more than one between two frequencies of the grid; a fine
-/// grid is the measure.
+/// At low speed there are many waves between two cuts, more than one between two frequencies of the grid; a
+/// fine grid is the reference.
 #[test]
 fn limits_of_turning_at_low_speed_are_those_of_a_fine_grid() {
     for (frequency_hz, damping_ratio) in [(250.0, 0.02), (800.0, 0.05), (1200.0, 0.04), (700.0, 0.08)] {
@@ -73,7 +73,7 @@ fn limits_of_turning_at_low_speed_are_those_of_a_fine_grid() {
                     && part * other <= 0.0
                     && (part - other).abs() < 0.5
                 {
-                    // Where the part of a wave is 0, on the line between both.
+                    // At the fraction 0 of a wave, on the line between both.
                     least = least.min(depth + (limit.depth_m - depth) * other / (other - part));
                 }
                 before = Some((limit.depth_m, part));
@@ -133,8 +133,8 @@ fn one_mode_has_its_closed_form() {
     near(turning.minima()[0].depth_m, 7.318_784e-3, 1e-7, "limit");
 }
 
-/// The force of 60 degrees drives modes at 90 and 150 degrees to the chip's thickness, which their motion or
-/// the force does not reach.
+/// The force at 60 degrees drives modes at 90 and 150 degrees to the chip thickness: the motion of one does
+/// not change the chip, and the other is not excited by the force.
 #[test]
 fn a_mode_that_is_not_excited_has_no_limit() {
     let mode = Mode {
@@ -236,7 +236,7 @@ fn collocation_has_the_exact_multipliers() {
             2e-9,
             "collocation",
         );
-        // Degree 40 is enough for eight digits here, 30 for the 1e-5 that are asked for at small depth.
+        // Degree 40 suffices for eight digits here, 30 for the required 1e-5 at small depth.
         near(delay.collocation(depth, 40).unwrap(), exact, 2e-6, "degree 40");
         near(
             delay.semi_discretisation(depth, 40).unwrap(),
@@ -315,7 +315,7 @@ fn limits_of_milling_over_immersion_and_speed() {
     }
 }
 
-/// Two ways that share nothing: at the limit of the frequency domain the delay equation's multiplier is 1.
+/// Two independent methods: at the limit of the frequency domain the delay equation's multiplier is 1.
 #[test]
 fn at_the_limit_of_turning_the_multiplier_is_one() {
     let (mut random, cases) = campaign(0x0c4a_0012, 12);
@@ -337,7 +337,7 @@ fn at_the_limit_of_turning_the_multiplier_is_one() {
     }
 }
 
-/// With many teeth in the cut the force is nearly constant, and the zeroth harmonic nearly all there is.
+/// With many teeth in the cut the force is nearly constant, so the zeroth harmonic dominates.
 #[test]
 fn with_many_teeth_both_analyses_of_milling_agree() {
     let mode = |frequency_hz| Mode {
@@ -360,7 +360,7 @@ fn with_many_teeth_both_analyses_of_milling_agree() {
     }
 }
 
-/// A tooth that cuts always is turning: three teeth over a whole turn, with directions that do not change.
+/// A tooth that always cuts is turning: three teeth over a whole turn, with constant directions.
 #[test]
 fn semi_discretisation_converges_with_the_square_of_the_step() {
     let delay = MillingDelay::milling(&insperger(0.5), 9000.0).unwrap();
@@ -424,8 +424,8 @@ fn the_chatter_frequency_of_turning_is_that_of_its_limit() {
     }
 }
 
-/// Collocation shares no formula with the limit but the factors of the force: there its largest multiplier is
-/// 1.
+/// Collocation and the limit share only the formula of the force factors: at the limit its largest multiplier
+/// is 1.
 #[test]
 fn at_limits_of_random_mills_the_multiplier_of_collocation_is_one() {
     let (mut random, cases) = campaign(0x0c4a_0013, 24);
@@ -477,7 +477,7 @@ fn at_limits_of_random_mills_the_multiplier_of_collocation_is_one() {
     assert!(limits >= cases / 2, "{limits} limits");
 }
 
-/// As a modal analysis measures tools: 20 modes, in a few waves of the fastest.
+/// Tools as measured by modal analysis: 20 modes, in a few waves of the fastest.
 #[test]
 fn mills_with_many_modes_have_a_limit() {
     let (mut random, _) = campaign(0x0c4a_0014, 1);
@@ -518,18 +518,18 @@ fn mills_with_many_modes_have_a_limit() {
     }
 }
 
-/// A disturbance grows before it dies out, the more waves the more; the bound is one.
+/// A disturbance grows before it dies out, more so with more waves; the bound holds.
 #[test]
 fn growth_below_the_limit_is_bounded() {
     for (rpm, depth_mm, least) in [(2000.0, 0.313, 4.0), (1000.0, 0.323, 300.0), (500.0, 0.311, 1e6)] {
         let delay = MillingDelay::milling(&mill_of(4000.0, 1.0), rpm).unwrap();
-        // What a kick grew to in a simulation, teeth after it.
+        // Growth of an impulse in a simulation, after many teeth.
         let bound = delay.growth(1e-3 * depth_mm).unwrap();
         assert!((least..100.0 * least).contains(&bound), "{rpm} rpm: {bound}");
     }
 }
 
-/// No limit rather than a wrong one, and soon.
+/// An error instead of a wrong limit, within a short time.
 #[test]
 fn cuts_with_too_many_waves_have_no_limit_of_the_delay_equation() {
     let milling = mill_of(4000.0, 1.0);
@@ -543,7 +543,7 @@ fn cuts_with_too_many_waves_have_no_limit_of_the_delay_equation() {
             "{rpm} rpm: {refused:?}"
         );
     }
-    // Most of the period is free: what a tooth leaves grows from tooth to tooth until it has moved out of the
+    // Most of the period is free: the wave of a tooth grows from tooth to tooth until it has moved out of the
     // cut.
     let small = MillingDelay::milling(&mill_of(4000.0, 0.1), 200.0).unwrap();
     assert!(matches!(small.limit(5e-3), Err(ChatterError::Growth { growth }) if growth > 1e12));
@@ -551,8 +551,8 @@ fn cuts_with_too_many_waves_have_no_limit_of_the_delay_equation() {
     assert!(delay.collocation(1e-4, delay.degree()).is_err());
 }
 
-/// An island of chatter from 0.966 to 0.985 of the depth from which on all is chatter: its largest multiplier
-/// is 1.0037.
+/// An island of chatter from 0.966 to 0.985 of the depth above which every cut chatters: its largest
+/// multiplier is 1.0037.
 #[test]
 fn a_narrow_island_of_chatter_is_found() {
     let cut = MillingCut {
@@ -581,7 +581,7 @@ fn a_narrow_island_of_chatter_is_found() {
     let delay = MillingDelay::milling(&milling, 17_479.394_701_001_22).unwrap();
     let limit = delay.limit(0.02).unwrap().unwrap();
     assert!((3.510e-3..3.536e-3).contains(&limit), "{limit}");
-    // Two multipliers that meet on the real axis and part again.
+    // Two multipliers that meet on the real axis and separate again.
     for k in 0..=20 {
         let depth = 3.643_814_577_581_661e-3 * (0.80 + 0.01 * f64::from(k));
         let expected = delay.collocation(depth, 40).unwrap();

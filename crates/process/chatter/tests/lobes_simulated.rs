@@ -1,12 +1,12 @@
-//! Stability lobes against simulations of the delay equation in fixed steps.
+//! Stability lobes compared with simulations of the delay equation in fixed steps.
 
 use evolvent_chatter::{ChatterKind, MillingDelay};
 
 use crate::common::near;
 use crate::published_cuts::{insperger, mill_of, stiffness_n_m};
 
-/// The mill of Insperger and Stepan in fixed steps: its deflection once a tooth at 16 places, the last 40
-/// teeth of 160, and how often it swings in that time.
+/// The mill of Insperger and Stepan in fixed steps: its deflection at 16 positions per tooth, for the last 40
+/// teeth of 160, and its oscillations in that time.
 fn stepped(immersion: f64, rpm: f64, depth_m: f64) -> (Vec<[f64; 16]>, f64) {
     const STEPS: usize = 1600;
     let omega = std::f64::consts::TAU * 922.0;
@@ -58,8 +58,8 @@ fn stepped(immersion: f64, rpm: f64, depth_m: f64) -> (Vec<[f64; 16]>, f64) {
     (samples, f64::from(crossings) / (40.0 * tooth_s))
 }
 
-/// A simulation that knows of no multipliers shows whether every second tooth cuts alike, and how fast it
-/// vibrates.
+/// A simulation without multipliers shows whether every second tooth cuts alike, and the frequency of the
+/// vibration.
 #[test]
 fn flip_and_hopf_limits_are_those_of_a_simulation() {
     let (mut flips, mut hopfs) = (0, 0);
@@ -112,7 +112,7 @@ fn flip_and_hopf_limits_are_those_of_a_simulation() {
             }
             ChatterKind::Fold => panic!("{what}"),
         }
-        // Of the frequencies that the multiplier permits, the one that is heard.
+        // Of the frequencies that the multiplier permits, the dominant one.
         let tooth_hz = rpm / 30.0;
         assert!(
             (at_limit.frequency_hz - frequency).abs() < 0.3 * tooth_hz,
@@ -122,7 +122,7 @@ fn flip_and_hopf_limits_are_those_of_a_simulation() {
     assert!(flips >= 2 && hopfs >= 2, "{flips} flip, {hopfs} Hopf");
 }
 
-/// The factor by which a kick to [`mill_of`] grows from tooth to tooth, the mean over the last half of
+/// The factor by which an impulse on [`mill_of`] grows from tooth to tooth, averaged over the last half of
 /// `teeth`: the delay equation in fixed steps of 1/60 wave.
 fn growth(frequency_hz: f64, immersion: f64, rpm: f64, depth_m: f64, teeth: usize) -> f64 {
     let omega = std::f64::consts::TAU * frequency_hz;
@@ -173,7 +173,7 @@ fn growth(frequency_hz: f64, immersion: f64, rpm: f64, depth_m: f64, teeth: usiz
     (sizes[teeth - 1] / sizes[half - 1]).powf(1.0 / (teeth - half) as f64)
 }
 
-/// A kick dies out below the limit and grows above it, however many waves a tooth cuts.
+/// An impulse dies out below the limit and grows above it, for any number of waves per tooth.
 #[test]
 fn limits_with_many_waves_in_the_cut_are_those_of_a_simulation() {
     for (frequency_hz, immersion, rpm, waves) in [

@@ -8,7 +8,7 @@ use nalgebra::SVector;
 
 use crate::common::{campaign, near, steel, tool};
 
-/// With equal axes every direction is a principal one: the angle must not matter.
+/// With equal axes every direction is a principal one: the angle has no effect.
 #[test]
 fn with_equal_axes_the_angle_does_not_matter() {
     let law = steel();
@@ -61,7 +61,7 @@ fn with_equal_axes_the_angle_does_not_matter() {
     }
 }
 
-/// Over a cycle the work of the force is what the dampers take.
+/// Over a cycle the work of the force equals the energy that the dampers absorb.
 #[test]
 fn over_a_cycle_the_force_does_the_work_of_the_dampers() {
     let law = steel();
@@ -96,7 +96,7 @@ fn over_a_cycle_the_force_does_the_work_of_the_dampers() {
     assert!(seen > cases / 3);
 }
 
-/// At a vanishing amplitude the extra damping that would balance the motion is twice the growth, but for
+/// At a vanishing amplitude the extra damping that balances the motion is twice the growth, except for
 /// damping.
 #[test]
 fn the_branch_begins_at_the_growth_of_small_vibrations() {
@@ -105,7 +105,7 @@ fn the_branch_begins_at_the_growth_of_small_vibrations() {
         let model = Model::new(tool(speed, 0.02), &law).unwrap();
         let prediction = Scanner::new(3).scan(&model).unwrap();
         for branch in &prediction.branches {
-            // With damping in proportion to mass added, the equations are those of a shifted eigenvalue.
+            // With additional damping proportional to mass, the equations are those of a shifted eigenvalue.
             let start = branch.points[0];
             near(start.extra_per_s, 2.0 * branch.mode.growth_per_s, 0.03, "start");
             assert_eq!(start.extra_per_s > 0.0, branch.mode.growth_per_s > 0.0);
@@ -139,17 +139,17 @@ fn the_integrator_keeps_its_accuracy() {
             .run(SVector::<f64, 2>::new(1.0, 0.0), 0.1, &mut rate, &|_| 1.0)
             .unwrap();
         let error = (end[0] - exact(0.1)).abs();
-        // 25 swings.
+        // 25 oscillations.
         assert!(error < 300.0 * relative, "{relative}: {error}");
         errors.push(error);
     }
     assert!(errors[2] < 1e-3 * errors[0]);
 }
 
-/// A ball on an elastic floor (no event, no accuracy): the stages must not straddle the corner.
+/// A ball on an elastic floor (inaccurate without events): the stages must not straddle the corner.
 #[test]
 fn steps_end_at_events() {
-    // Falls freely, pushed back by a spring below zero: energy is kept.
+    // Falls freely, pushed back by a spring below zero: energy is conserved.
     let mut rate = |x: &SVector<f64, 2>| {
         Ok::<_, ChatterError>(SVector::<f64, 2>::new(
             x[1],
@@ -173,7 +173,7 @@ fn steps_end_at_events() {
     assert!(lost < 1e-7 && lost < 0.5 * lost_without, "{lost} {lost_without}");
 }
 
-/// The multipliers of the verification are those of a finite difference of the motion.
+/// The multipliers of the verification equal those of a finite difference of the motion.
 #[test]
 fn the_leading_multiplier_is_that_of_a_disturbed_motion() {
     let law = steel();
@@ -193,12 +193,12 @@ fn the_leading_multiplier_is_that_of_a_disturbed_motion() {
             .run(start, periods / exact.frequency_hz, &mut rate, &|_| 1.0)
             .unwrap()
     };
-    // Let the fast decaying part die first.
+    // Let the fast component decay first.
     let disturbed = run(exact.state + State::new(0.0, 1e-9, 0.0, 0.0), 30.0);
     let (undisturbed, later) = (run(exact.state, 30.0), run(disturbed, 20.0));
     let rate = model.derivative(&undisturbed).unwrap();
     let across = |difference: State| {
-        // Without the part along the motion, in comparable units.
+        // Without the component along the motion, in comparable units.
         let unit = State::new(1.0, 1.0, 1.0 / 1600.0, 1.0 / 1600.0);
         let (d, r) = (difference.component_mul(&unit), rate.component_mul(&unit));
         (d - r * (d.dot(&r) / r.dot(&r))).norm()
@@ -212,7 +212,7 @@ fn the_leading_multiplier_is_that_of_a_disturbed_motion() {
     );
 }
 
-/// Two roots that one harmonic does not see, because its extra damping only comes near zero there.
+/// Two roots that one harmonic misses, because its extra damping only comes near zero there.
 #[test]
 fn cycles_that_only_graze_zero_are_found() {
     let law = steel();

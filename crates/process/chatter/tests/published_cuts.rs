@@ -30,7 +30,7 @@ pub(crate) fn insperger(immersion: f64) -> Milling {
     mill_of(922.0, immersion)
 }
 
-/// The stiffness of the mode of [`insperger`], of which mass and frequency are published.
+/// The stiffness of the mode of [`insperger`], for which mass and frequency are published.
 pub(crate) fn stiffness_n_m() -> f64 {
     let omega = 922.0 * std::f64::consts::TAU;
     0.03993 * omega * omega

@@ -1,4 +1,4 @@
-//! A law of its own for the radial force: against the ratio where both mean the same, and against another
+//! A separate law for the radial force, compared with the ratio where both are equivalent, and with another
 //! program.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
@@ -51,7 +51,7 @@ fn a_radial_law_in_proportion_is_the_ratio() {
             ..case
         };
         let ratio = Model::new(case, &tangential).unwrap();
-        // The ratio must not matter where there is a law.
+        // With a law the ratio has no effect.
         let own = Model::new(
             CuttingTool {
                 radial_ratio: 3.0,
@@ -72,7 +72,7 @@ fn a_radial_law_in_proportion_is_the_ratio() {
         }
         assert_eq!(a.cycles.len(), b.cycles.len());
         for (a, b) in a.cycles.iter().zip(&b.cycles) {
-            // As the balance has them, and in time.
+            // By the balance, and in time.
             near(b.cycle.amplitude_m(1), a.cycle.amplitude_m(1), 1e-6, "amplitude");
             near(b.cycle.frequency_hz, a.cycle.frequency_hz, 1e-8, "frequency");
             near(
@@ -125,7 +125,7 @@ fn radial_law_cycles_match_another_program() {
         assert!(stable.verified.amplitude_error.abs() < 1e-3, "the balance");
         assert_eq!(Mapper::new(5).cell(case, laws).verdict, Some(whole.verdict));
         cycles += 1;
-        // It is another motion than with the ratio.
+        // The motion differs from that with the ratio.
         let ratio = Assessor::new(5)
             .assess(&Model::new(case, &tangential).unwrap())
             .unwrap();

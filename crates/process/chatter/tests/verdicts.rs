@@ -1,4 +1,5 @@
-//! Verdicts against blows that another program follows: law and equations from the paper, fixed steps.
+//! Verdicts compared with impulses followed by another program: law and equations from the paper, fixed
+//! steps.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
@@ -72,7 +73,7 @@ fn two_growing() -> Sample {
     }
 }
 
-/// A stable mode beside a growing one has both cycles, of which one seems stable by its amplitude.
+/// A stable mode beside a growing one has both cycles, one of which seems stable by its amplitude.
 fn other_mode_grows() -> Sample {
     Sample {
         tool: CuttingTool {
@@ -100,7 +101,7 @@ fn other_mode_grows() -> Sample {
     }
 }
 
-/// Two modes of almost one frequency that the force couples.
+/// Two modes of almost equal frequency, coupled by the force.
 fn coupled(speed_m_min: f64, depth_mm: f64) -> Sample {
     Sample {
         tool: CuttingTool {
@@ -120,7 +121,7 @@ fn coupled(speed_m_min: f64, depth_mm: f64) -> Sample {
     }
 }
 
-/// Harmonic balance has a cycle that in time leads to another one, and both modes' branches have the same
+/// Harmonic balance has a cycle that converges to another one in time, and both modes' branches have the same
 /// cycles.
 fn with_invented_cycle() -> Sample {
     Sample {
@@ -155,7 +156,7 @@ fn a_cut_with_unstable_cycles_only_leaves_the_model() {
         let oracle = sample.oracle();
         for [v1, v2] in oracle.directions() {
             for part in [0.001, 0.2, 0.8] {
-                // The cut that grows by e^4 in two periods is beyond the model by then.
+                // A cut that grows by e^4 in two periods is beyond the model by then.
                 let end = oracle.blow(part, v1, v2);
                 assert!(
                     end == End::Left || (end == End::TooLarge && part > 0.01),
@@ -203,7 +204,7 @@ fn an_unstable_cycle_is_not_missed() {
         let cycle = &whole.cycles[0].verified;
         near(1e3 * cycle.amplitude_m[1], 0.4005, 2e-3, "amplitude");
         assert!(!cycle.stable());
-        // A blow across the cutting speed is what the steady cut does not bear.
+        // The steady cut is unstable against an impulse across the cutting speed.
         let oracle = sample.oracle();
         let [.., across] = oracle.directions();
         let ends = [0.4, 0.45, 0.5, 0.55, 0.6].map(|part| oracle.blow(part, across[0], across[1]));
@@ -225,13 +226,13 @@ fn a_cycle_counts_once_and_only_where_it_closes() {
     for known in &whole.cycles {
         assert!(known.verified.amplitude_error.abs() < 1e-3 && known.verified.closure < 1e-8);
     }
-    // What was dropped is said to be dropped.
+    // The reason for dropping is reported.
     let landed = |reason: &DropReason| matches!(reason, DropReason::Landed | DropReason::Duplicate);
     assert!(whole.dropped.iter().all(|dropped| landed(&dropped.reason)));
     assert!(whole.can_leave());
 }
 
-/// Cuts of random tools that are called stable bear every blow that another program deals.
+/// Cuts of random tools with the verdict `Stable` withstand every impulse of another program.
 #[test]
 fn stable_cuts_bear_every_blow_of_another_program() {
     let (mut random, cases) = campaign(0x0c4a_0010, 25);
@@ -284,7 +285,7 @@ fn stable_cuts_bear_every_blow_of_another_program() {
     assert!(stable > cases / 10, "only {stable} of {cases} cuts are stable");
 }
 
-/// An unstable and a stable cycle so close that Newton's method led to the same from both sides.
+/// An unstable and a stable cycle so close that Newton's method converged to the same one from both sides.
 #[test]
 fn two_close_cycles_are_told_apart() {
     for (speed, depth) in [(86.5, 1.716_25), (103.5, 2.521_25), (114.5, 3.096_25)] {
@@ -294,7 +295,7 @@ fn two_close_cycles_are_told_apart() {
         let stable: Vec<bool> = cycles.iter().map(|(_, stable)| *stable).collect();
         assert_eq!(stable, [false, true], "{speed} m/min, {depth} mm");
         assert_eq!(cell.verdict, Some(Verdict::Bistable));
-        // The other program, from between both: it neither dies out nor leaves.
+        // The other program, started between both: it neither dies out nor leaves.
         let oracle = sample.oracle();
         let ends: Vec<End> = (30..90)
             .step_by(4)
@@ -383,7 +384,8 @@ fn a_cycle_beyond_the_end_of_a_coarse_branch_is_not_missed() {
     assert!(whole.cycles.iter().any(|known| !known.verified.stable()));
 }
 
-/// Random cuts as deep as the tool bears: near the end of the model few harmonics tell least.
+/// Random cuts at the maximum depth of the tool: near the limit of the model few harmonics are least
+/// reliable.
 fn deep_cut(random: &mut Random) -> Sample {
     let (stiffness, ratio) = (random.between(3e6, 2e7), random.between(0.01, 0.05));
     let axes = [
@@ -405,7 +407,7 @@ fn deep_cut(random: &mut Random) -> Sample {
     }
 }
 
-/// A verdict of few harmonics is that of many.
+/// The verdict of few harmonics equals that of many.
 #[test]
 fn stable_cuts_are_stable_with_more_harmonics() {
     let (mut random, cases) = campaign(0x0c4a_0011, 30);
@@ -422,7 +424,8 @@ fn stable_cuts_are_stable_with_more_harmonics() {
         if few.verdict == Verdict::Stable {
             stable += 1;
             let many = Assessor::new(16).assess(&model).unwrap();
-            // At the very end of a branch many harmonics may see what few do not, and not confirm it.
+            // At the very end of a branch many harmonics may find a cycle that few do not, without
+            // confirmation.
             let agrees = many.verdict == Verdict::Stable || many.is_in_doubt();
             assert!(agrees, "case {case}: {:?} {tool:?}", many.verdict);
         }
@@ -430,10 +433,10 @@ fn stable_cuts_are_stable_with_more_harmonics() {
     println!("{stable} of {cases} are stable");
 }
 
-/// What is stable in a map is stable by itself, but for one of a thousand such cuts.
+/// A stable cell of a map is stable as a single cut, with one exception in a thousand.
 #[test]
 fn stable_cells_of_maps_are_stable_by_themselves() {
-    /// Without a look beyond the ends of branches the map has these as stable.
+    /// Without a scan beyond the ends of branches the map reports these as stable.
     const HIDDEN: [usize; 4] = [258, 265, 356, 619];
     let (mut random, cases) = campaign(0x0c4a_0011, 30);
     let (mut stable, mut differ) = (0, Vec::new());
@@ -477,7 +480,7 @@ fn the_map_agrees_with_single_calculations() {
     for (sample, speeds, depths) in &samples {
         let law = sample.law();
         let mut mapper = Mapper::new(5);
-        // A corner of a map of 100 x 100 cuts, as large as a tile, somewhere in it.
+        // A section of a map of 100 x 100 cuts, as large as a tile, at a random position.
         let (first, count) = (random.between(0.0, 84.0).floor(), 16);
         let grid = |range: &[f64; 2], first: f64, count: i32| -> Vec<f64> {
             (0..count)
@@ -503,8 +506,8 @@ fn the_map_agrees_with_single_calculations() {
             }
             let whole = whole.ok().filter(|whole| whole.verdict != Verdict::OutOfModel);
             let stable = whole.as_ref().and_then(Assessment::largest_stable);
-            // The balance is off by 5e-3 where the contact is lost; which of the two a cell has depends on
-            // who found it.
+            // The error of the balance with loss of contact is 5e-3; the method that found a cell determines
+            // its value.
             let expected = stable.map_or([0.0; 2], |known| {
                 let of_cycle = known.cycle.amplitude_m(0).max(known.cycle.amplitude_m(1));
                 let [first, second] = known.verified.amplitude_m;
@@ -522,7 +525,7 @@ fn the_map_agrees_with_single_calculations() {
     for (cut, map, single) in &differ {
         println!("map {map:?}, single {single:?}: {cut:?}");
     }
-    // None of the 1000 of this seed; within a cell of a border one of other seeds may.
+    // None of the 1000 with this seed; with other seeds one within a cell of a border may differ.
     assert!(differ.len() * 500 <= looked_at, "{} differ", differ.len());
 }
 

@@ -1,10 +1,10 @@
 //! The characteristic function of the delay equation, whose zeros are the inverse multipliers.
 //!
 //! `g(z) = det(1 - z M(w (1 - z)))`, with `M(p)` the map of the state over a period ([`super::elements`]) and
-//! `z = 1 / mu`, has no poles, and is 1 at z = 0. The cut is stable where it has no zero within the unit
-//! circle, which the turns of its argument along the circle count (H. Nyquist). Its values at N points of the
-//! circle give N coefficients of its power series, and the last of these tell whether N is enough; turns are
-//! counted, and zeros found, by the series.
+//! `z = 1 / mu`, has no poles, and is 1 at z = 0. The cut is stable if it has no zero within the unit circle;
+//! the number of turns of its argument along the circle counts them (H. Nyquist). Its values at N points of
+//! the circle give N coefficients of its power series, and the last of these show whether N suffices. Turns
+//! are counted, and zeros are found, by the series.
 
 use nalgebra::Complex;
 
@@ -12,9 +12,9 @@ use super::elements::Elements;
 
 type C = Complex<f64>;
 
-/// How often the number of points is doubled, at most.
+/// Maximum number of times that the number of points is doubled.
 const MAX_DOUBLINGS: usize = 3;
-/// Rounding of `g`, at most, relative to its largest value.
+/// Maximum rounding error of `g`, relative to its largest value.
 const MAX_ROUNDING: f64 = 1e-6;
 
 /// `g` at a depth and an inverse multiplier.
@@ -30,9 +30,9 @@ pub(super) struct Circle {
 }
 
 impl Circle {
-    /// With as many points, beginning with `points`, as make the last coefficients 0 within rounding; None if
-    /// there are too many, or if the motion grows so much within a period that nothing is left of the smaller
-    /// values.
+    /// Computes the series with as many points, starting with `points`, as bring the last coefficients to 0
+    /// within rounding. `None` if there are too many, or if the motion grows so much within a period that the
+    /// smaller values are lost.
     pub(super) fn new(elements: &Elements, depth: f64, radius: f64, points: usize) -> Option<Self> {
         let mut count = points.next_multiple_of(16).max(32);
         let at = |k: usize, count: usize| {
@@ -44,7 +44,7 @@ impl Circle {
         let mut values: Vec<C> = (0..=count / 2).map(|k| at(k, count)).collect();
         let mut before = f64::INFINITY;
         for _ in 0..=MAX_DOUBLINGS {
-            // `max` would leave NaN out.
+            // `max` would ignore NaN.
             if values.iter().any(|value| value.norm().is_nan()) {
                 return None;
             }
@@ -55,8 +55,8 @@ impl Circle {
             let coefficients = coefficients(&values);
             let size = |part: &[f64]| part.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
             let tail = size(&coefficients[count - count / 8..]);
-            // A series that is cut off falls steeply; rounding, larger the more a motion grows and decays
-            // again within a period, does not.
+            // A truncated series falls steeply; rounding errors, which are larger if a motion grows and
+            // decays within a period, do not.
             let is_rounding = size(&coefficients[count / 2..count - count / 4]) <= 30.0 * tail;
             let permitted = if is_rounding { MAX_ROUNDING } else { 1e-11 };
             if tail <= permitted * largest.max(1.0) && (coefficients[0] - 1.0).abs() <= 1e-6 {
@@ -90,8 +90,8 @@ impl Circle {
         (value, slope)
     }
 
-    /// Points of the upper half of the circle, so close that `g` changes by less than itself from one to the
-    /// next; the angle, `g` and the size of its logarithmic derivative.
+    /// Points of the upper half of the circle, so close that `g` changes by less than its magnitude between
+    /// neighbours: the angle, `g` and the magnitude of its logarithmic derivative.
     fn walk(&self) -> Vec<(f64, C, f64)> {
         let at = |angle: f64| {
             let (value, slope) = self.value(C::new(libm::cos(angle), libm::sin(angle)));
@@ -116,19 +116,19 @@ impl Circle {
         walked
     }
 
-    /// Zeros within the circle.
+    /// Number of zeros within the circle.
     pub(super) fn zeros(&self) -> usize {
         let turns: f64 = self
             .walk()
             .windows(2)
             .map(|pair| (pair[1].1 / pair[0].1).arg())
             .sum();
-        // The lower half turns as much.
+        // The lower half has as many turns.
         libm::round(turns / std::f64::consts::PI).max(0.0) as usize
     }
 
     /// Zeros near the circle and within, by Newton's method from the points of the circle that are nearest to
-    /// any: `z` in the upper half, each once.
+    /// any: `z` in the upper half, without duplicates.
     pub(super) fn nearest_zeros(&self) -> Vec<C> {
         let walked = self.walk();
         let nearness = |k: usize| walked.get(k).map_or(0.0, |point| point.2);
@@ -143,7 +143,7 @@ impl Circle {
             for _ in 0..40 {
                 let (value, slope) = self.value(z);
                 let step = value / slope;
-                // No further than the series holds.
+                // Stays within the range of the series.
                 let step = step * (0.2 / step.norm()).min(1.0);
                 z -= step;
                 if z.norm() > 1.2 || !step.norm().is_finite() {

@@ -1,4 +1,4 @@
-//! A tooth period in elements of at most a wave: the map of the state over each of them.
+//! A tooth period in elements of at most one wave: the map of the state over each of them.
 //!
 //! A motion with the multiplier `mu` has `r(t - T) = r(t) / mu`, so the delay equation is an ordinary one,
 //!
@@ -7,9 +7,9 @@
 //! ```
 //!
 //! with one complex number `p` for depth and multiplier. Over an element the force is a polynomial through
-//! Gauss' points, and the modes follow it exactly (Volterra's equation); the map of the state is then a power
-//! series in `p` with real coefficients, computed once for all depths and multipliers. Coefficients have
-//! terms of both signs, so an element is so short that the series needs few.
+//! Gauss points, and the modes follow it exactly (Volterra equation). The map of the state is then a power
+//! series in `p` with real coefficients, computed once for all depths and multipliers. The coefficients have
+//! terms of both signs, so elements are short enough that the series needs few terms.
 
 use nalgebra::Complex;
 
@@ -19,40 +19,40 @@ use crate::lobe::Mode;
 
 type C = Complex<f64>;
 
-/// Terms of the power series of an element, about.
+/// Approximate number of terms of the power series of an element.
 const USUAL_TERMS: f64 = 20.0;
-/// Complex multiplications of one characteristic value, at most: some 10 ms, and ten times as much with many
-/// modes.
+/// Maximum number of complex multiplications of one characteristic value: about 10 ms, and ten times as much
+/// with many modes.
 const MAX_VALUE_WORK: f64 = 4e6;
-/// Terms of the power series of an element, at most.
+/// Maximum number of terms of the power series of an element.
 const MAX_TERMS: usize = 64;
 
 /// The maps over the elements of a tooth period, for all `|p|` up to a bound.
 pub(super) struct Elements {
     states: usize,
     elements: Vec<Element>,
-    /// The bound of `|p|`, by which the terms are scaled.
+    /// The bound of `|p|`, which scales the terms.
     most_p: f64,
 }
 
 enum Element {
-    /// No tooth cuts: row by row.
+    /// No tooth cuts: by rows.
     Free(Vec<f64>),
-    /// Terms of the power series in `-p / most_p`, each row by row.
+    /// Terms of the power series in `-p / most_p`, each by rows.
     Cutting(Vec<Vec<f64>>),
 }
 
-/// Force of each mode per deflection, in units of its stiffness: its norm is a bound of how fast vibrations
-/// change.
+/// Force of each mode per deflection, relative to its stiffness: its norm bounds the rate of change of
+/// vibrations.
 pub(super) struct Strength {
     /// Mean over the period, 1/s per m of depth.
     pub(super) mean: f64,
-    /// Largest, 1/s per m of depth.
+    /// Maximum, 1/s per m of depth.
     most: f64,
 }
 
 impl Strength {
-    /// Frobenius' norm of the force on the complex amplitudes of the modes, each scaled by the root of its
+    /// Frobenius norm of the force on the complex amplitudes of the modes, each scaled by the root of its
     /// impedance.
     pub(super) fn new(delay: &MillingDelay) -> Self {
         const POINTS: usize = 64;
@@ -91,8 +91,8 @@ impl Elements {
         fastest.fold(0.0, f64::max) * cutting.map(|stretch| stretch.end - stretch.start).sum::<f64>()
     }
 
-    /// Elements in a stretch: at most a wave in each, with what the cut adds, and a force that is small in
-    /// each.
+    /// Number of elements in a section: at most one wave in each, including the effect of the cut, and a
+    /// small force in each.
     fn count(delay: &MillingDelay, stretch: &Stretch, strength: &Strength, most_p: f64) -> f64 {
         let fastest = delay.modes.iter().map(|(mode, ..)| mode.frequency_hz);
         let turns = match delay.force {
@@ -114,7 +114,7 @@ impl Elements {
         count * states * states * (USUAL_TERMS + 6.0 * states)
     }
 
-    /// With `nodes` Gauss points an element, for `|p|` up to `most_p`.
+    /// Computes the elements with `nodes` Gauss points each, for `|p|` up to `most_p`.
     ///
     /// # Errors
     /// A period with too many waves.
@@ -157,7 +157,7 @@ impl Elements {
         })
     }
 
-    /// What a motion grows by within a period at a `p`, at most.
+    /// Maximum growth of a motion within a period at a `p`.
     pub(super) fn growth(&self, p: C) -> f64 {
         let d = self.states;
         let u = -p / self.most_p;
@@ -166,7 +166,7 @@ impl Elements {
             map[k * d + k] = C::ONE;
         }
         let (mut own, mut next) = (map.clone(), map.clone());
-        // Logarithms: the size since the beginning, its least, and the most it grew since then.
+        // Logarithms: the size since the beginning, its minimum, and the maximum growth since then.
         let (mut size, mut least, mut most) = (0.0_f64, 0.0_f64, 0.0_f64);
         for element in &self.elements {
             for (k, row) in own.chunks_exact_mut(d).enumerate() {
@@ -197,17 +197,17 @@ impl Elements {
 
     /// `det(1 - z M(p))`, with `M(p)` the map of the state over a period.
     ///
-    /// The states between elements are eliminated one after the other, with pivoting, from what the elements
-    /// say of both ends of each. A product of the maps would lose a motion that decays while another grows by
-    /// 1e10.
+    /// The states between elements are eliminated one after the other, with pivoting, from the equations of
+    /// both ends of each element. A product of the maps would lose a motion that decays while another grows
+    /// by 1e10.
     pub(super) fn determinant(&self, p: C, z: C) -> C {
         let d = self.states;
         let u = -p / self.most_p;
         let width = 3 * d;
-        // Columns: the state between, that at the beginning, that at the end. Rows: the elements before, the
+        // Columns: the state in between, at the beginning, and at the end. Rows: the elements so far, the
         // next one.
         let mut rows = vec![C::ZERO; 2 * d * width];
-        // Before the first element the state between is that at the beginning.
+        // Before the first element the state in between is that at the beginning.
         for k in 0..d {
             rows[k * width + k] = C::ONE;
             rows[k * width + d + k] = -C::ONE;
@@ -223,7 +223,7 @@ impl Elements {
                 }
             }
             product *= eliminate(&mut rows, 2 * d, width, d);
-            // The end of the element is the next state between.
+            // The end of the element is the next state in between.
             let (before, after) = rows.split_at_mut(d * width);
             for (target, source) in before.chunks_exact_mut(width).zip(after.chunks_exact(width)) {
                 target[..d].copy_from_slice(&source[2 * d..]);
@@ -242,7 +242,7 @@ impl Elements {
 }
 
 impl Element {
-    /// A row of the map, negative.
+    /// A row of the map, negated.
     fn row(&self, k: usize, d: usize, u: C, row: &mut [C]) {
         let part = k * d..(k + 1) * d;
         match self {
@@ -262,8 +262,8 @@ impl Element {
     }
 }
 
-/// Eliminates the first `columns` columns by partial pivoting; the product of the pivots, with the sign of
-/// the swaps.
+/// Eliminates the first `columns` columns by partial pivoting; returns the product of the pivots with the
+/// sign of the swaps.
 fn eliminate(matrix: &mut [C], rows: usize, width: usize, columns: usize) -> C {
     let mut product = C::ONE;
     for step in 0..columns {
@@ -311,7 +311,7 @@ fn swing(mode: &Mode, time: f64) -> [[f64; 2]; 2] {
     [[c + ratio * s, s], [-s, c - ratio * s]]
 }
 
-/// The free motion of all modes; states are deflection and velocity over omega, mode by mode.
+/// The free motion of all modes; states are deflection and velocity over omega, by modes.
 fn free(delay: &MillingDelay, time: f64) -> Vec<f64> {
     let d = delay.states();
     let mut map = vec![0.0; d * d];
@@ -326,7 +326,7 @@ fn free(delay: &MillingDelay, time: f64) -> Vec<f64> {
     map
 }
 
-/// What all elements of one length have in common.
+/// Data common to all elements of one length.
 struct ElementRule {
     length: f64,
     points: Vec<f64>,
@@ -387,7 +387,8 @@ impl ElementRule {
         }
     }
 
-    /// Terms of the power series in `-p / most_p` from a time of the period on; None where it needs too many.
+    /// Terms of the power series in `-p / most_p` from a time of the period on; `None` if too many are
+    /// needed.
     fn terms(&self, delay: &MillingDelay, from: f64, most_p: f64) -> Option<Vec<Vec<f64>>> {
         let (d, r, n) = (delay.states(), delay.directions, self.points.len());
         let factors: Vec<_> = self
@@ -430,7 +431,7 @@ impl ElementRule {
                 return None;
             }
             terms.push(term);
-            // Terms fall like those of an exponential series or faster.
+            // The terms fall like those of an exponential series or faster.
             if size < 1e-17 {
                 return Some(terms);
             }
@@ -452,7 +453,7 @@ impl ElementRule {
     }
 }
 
-/// Lagrange's polynomials of the points at `x`.
+/// Lagrange polynomials of the points at `x`.
 fn lagrange(points: &[f64], x: f64) -> Vec<f64> {
     let others = |j: usize| points.iter().enumerate().filter(move |(k, _)| *k != j);
     points
@@ -466,7 +467,7 @@ fn lagrange(points: &[f64], x: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Gauss' points and weights from 0 to 1: roots of Legendre's polynomial by Newton's method.
+/// Gauss points and weights from 0 to 1: roots of the Legendre polynomial by Newton's method.
 fn gauss(count: usize) -> (Vec<f64>, Vec<f64>) {
     let n = count as f64;
     let value = |x: f64| {

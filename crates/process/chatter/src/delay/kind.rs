@@ -1,23 +1,23 @@
-//! How a cut loses its stability at a limit, and at which frequency it then vibrates.
+//! The kind of a stability limit, and the frequency of the vibration.
 
 use nalgebra::Complex;
 
 use super::{MillingDelay, mean_factors};
 use crate::error::{ChatterError, number};
 
-/// How a cut loses its stability, by its largest multiplier.
+/// The kind of instability, by the largest multiplier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChatterKind {
-    /// A pair of complex multipliers (N. I. Neimark, R. J. Sacker): vibration at a frequency of its own.
+    /// A pair of complex multipliers (N. I. Neimark, R. J. Sacker): vibration at its own frequency.
     Hopf,
     /// A multiplier near -1 (period doubling): every second tooth cuts alike.
     Flip,
-    /// A multiplier near 1: it does not swing from tooth to tooth.
+    /// A multiplier near 1: no oscillation from tooth to tooth.
     Fold,
 }
 
 impl ChatterKind {
-    /// As written in reports.
+    /// Its name in reports.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -28,14 +28,13 @@ impl ChatterKind {
     }
 }
 
-/// What a cut does at the limit of its stability, or beyond.
+/// The behaviour of a cut at the limit of its stability, or beyond.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chatter {
     /// How stability is lost.
     pub kind: ChatterKind,
-    /// Frequency of the chatter, Hz: of those that the multiplier permits, a whole number of tooth
-    /// frequencies apart, the one that comes nearest to closing the loop of the mean force; exact for
-    /// turning.
+    /// Frequency of the chatter, Hz. The multiplier permits frequencies a whole number of tooth frequencies
+    /// apart; this is the one that comes nearest to closing the loop of the mean force. Exact for turning.
     pub frequency_hz: f64,
     /// The largest multiplier.
     pub multiplier: Complex<f64>,
@@ -45,7 +44,7 @@ impl MillingDelay {
     /// Kind and frequency of the chatter at a depth in m, by [`MillingDelay::multiplier`].
     ///
     /// # Errors
-    /// A depth out of range; a multiplier that is small or cannot be resolved.
+    /// A depth out of range; a multiplier that is small or unresolved.
     pub fn chatter(&self, depth_m: f64) -> Result<Chatter, ChatterError> {
         number("depth in m", depth_m, 0.0, 10.0)?;
         let multiplier = self.multiplier(depth_m)?.unwrap_or(Complex::ZERO);
@@ -60,8 +59,8 @@ impl MillingDelay {
         let part = libm::atan2(multiplier.im.abs(), multiplier.re) / std::f64::consts::TAU;
         let fastest = self.modes.iter().map(|(mode, ..)| mode.frequency_hz);
         let most = 3.0 * fastest.fold(0.0, f64::max) * self.period_s;
-        // How far a frequency is from closing the loop of the mean force: 1 + b h G (1 - 1 / mu) has no
-        // inverse there.
+        // Distance of a frequency from closing the loop of the mean force: 1 + b h G (1 - 1 / mu) is singular
+        // there.
         let mean = mean_factors(self, 0.0, self.period_s);
         let miss = |frequency: f64, delayed: Complex<f64>| -> f64 {
             let mut response = [Complex::ZERO; 2];
@@ -80,7 +79,7 @@ impl MillingDelay {
         } else {
             turned
         };
-        // Each multiplier of a pair has frequencies of its own, a whole number of teeth apart.
+        // Each multiplier of a pair has its own frequencies, a whole number of teeth apart.
         let waves = (0..=most.min(1e6) as u32).flat_map(|k| {
             let k = f64::from(k);
             [(k + part, turned), (k + 1.0 - part, turned.conj())]

@@ -9,29 +9,29 @@ use crate::error::{ChatterError, number};
 
 type C = Complex<f64>;
 
-/// Gauss points an element: a wave has an error of 1e-9 with 10.
+/// Gauss points per element: with 10 a wave has an error of 1e-9.
 const NODES: usize = 10;
-/// Points that check it.
+/// Gauss points per element of the check.
 const CHECK_NODES: usize = 15;
-/// What a limit may differ by between both, relative.
+/// Maximum relative difference of the two limits.
 const AGREEMENT: f64 = 1e-6;
-/// To what a limit is computed, relative.
+/// Relative accuracy of a limit.
 const ACCURACY: f64 = 1e-7;
-/// Depths are tried in steps of this.
+/// Factor between the depths that are tried.
 const STEP: f64 = 1.08;
-/// And of this where a multiplier is nearly 1.
+/// The factor if a multiplier is nearly 1.
 const SMALL_STEP: f64 = 1.01;
-/// Its inverse.
+/// Inverse of the multiplier from which it is nearly 1.
 const NEAR: f64 = 1.1;
-/// Differences that give derivatives, relative: far above the rounding of the characteristic function.
+/// Relative differences for derivatives: far above the rounding of the characteristic function.
 const DIFFERENCE: f64 = 1e-5;
-/// Complex multiplications of a circle with one mode, at most: some 20 ms, and a limit takes up to a hundred
-/// circles.
+/// Maximum number of complex multiplications of a circle with one mode: about 20 ms, and a limit takes up to
+/// a hundred circles.
 const MAX_CIRCLE_WORK: f64 = 1e7;
-/// The same with many modes, which take longer with few waves, too.
+/// The same with many modes, which take longer even with few waves.
 const MAX_CIRCLE_WORK_OF_MODES: f64 = 3e8;
-/// What a disturbance may grow by before it dies out, at most: beyond, it would leave any cut, and rounding
-/// passes for a motion.
+/// Maximum growth of a disturbance before it dies out: with more, it would leave any cut, and rounding errors
+/// would look like a motion.
 const MAX_GROWTH: f64 = 1e9;
 
 /// The elements of a period for depths up to a bound.
@@ -40,7 +40,7 @@ struct Solver<'a> {
     strength: Strength,
     nodes: usize,
     elements: Elements,
-    /// Depth and radius of the circle that the elements are for.
+    /// Depth and radius of the circle for which the elements are valid.
     most_m: f64,
     radius: f64,
 }
@@ -85,7 +85,7 @@ impl<'a> Solver<'a> {
 
     fn circle(&mut self, depth: f64, radius: f64) -> Result<Circle, ChatterError> {
         self.reach(depth, radius)?;
-        // By what the exponent of a motion changes along the circle.
+        // Change of the exponent of a motion along the circle.
         let change = depth * radius * self.strength.mean * self.delay.period_s;
         let points = 24.0 + 1.5 * change;
         let value = Elements::work(self.delay, &self.strength, self.most_m * (1.0 + radius));
@@ -99,7 +99,7 @@ impl<'a> Solver<'a> {
         Circle::new(&self.elements, depth, radius, points as usize).ok_or_else(|| self.unresolved())
     }
 
-    /// The depth and angle at which a zero lies on the unit circle, by Newton's method in both.
+    /// The depth and angle at which a zero is on the unit circle, by Newton's method in both.
     fn crossing(&mut self, zero: C, depth: f64) -> Result<Option<(f64, f64)>, ChatterError> {
         let (mut angle, mut depth) = (zero.arg(), depth);
         let least = 0.2 * depth;
@@ -115,7 +115,7 @@ impl<'a> Solver<'a> {
             let cross = |a: C, b: C| a.re * b.im - a.im * b.re;
             let both = cross(by_angle, by_depth);
             let steps = [-cross(value, by_depth) / both, -cross(by_angle, value) / both];
-            // No step further than a lobe is wide.
+            // No step is longer than a lobe is wide.
             let much = (steps[0].abs() / 0.5)
                 .max(steps[1].abs() / (0.05 * depth))
                 .max(1.0);
@@ -134,7 +134,7 @@ impl<'a> Solver<'a> {
         Ok(None)
     }
 
-    /// The limit between a depth without a zero in the unit circle and one with some; the angle of the zero
+    /// The limit between a depth without a zero in the unit circle and one with a zero; the angle of the zero
     /// there.
     fn between(&mut self, mut low: f64, mut high: f64) -> Result<(Option<f64>, f64), ChatterError> {
         let mut circle = self.circle(high, 1.0)?;
@@ -154,7 +154,7 @@ impl<'a> Solver<'a> {
             }
             let middle = match first {
                 Some((angle, depth)) => {
-                    // No other zero came in earlier.
+                    // No other zero has entered earlier.
                     let before = self.circle((1.0 - ACCURACY) * depth, 1.0)?;
                     if before.zeros() == 0 {
                         return Ok((Some(angle), depth));
@@ -175,7 +175,7 @@ impl<'a> Solver<'a> {
     }
 }
 
-/// The depth up to which no motion grows: there the damping takes more than the cut can give.
+/// The depth up to which no motion grows: the damping absorbs more than the cut can supply.
 fn safe_m(delay: &MillingDelay, strength: &Strength) -> f64 {
     let least = delay
         .modes
@@ -185,19 +185,19 @@ fn safe_m(delay: &MillingDelay, strength: &Strength) -> f64 {
     0.5 * least / strength.mean
 }
 
-/// Complex multiplications of a circle, at most.
+/// Maximum number of complex multiplications of a circle.
 fn most_circle_work(delay: &MillingDelay) -> f64 {
     let states = delay.states() as f64;
     (MAX_CIRCLE_WORK * states * states / 4.0).clamp(MAX_CIRCLE_WORK, MAX_CIRCLE_WORK_OF_MODES)
 }
 
 impl MillingDelay {
-    /// The smallest depth in m, up to `most_m`, from which on the cut chatters, to 1e-6 of it; None where
-    /// none does.
+    /// The smallest depth in m, up to `most_m`, from which on the cut chatters, to 1e-6 of it; `None` if
+    /// there is none.
     ///
-    /// Depths are tried upwards in steps of 8 %, and of 1 % where the largest multiplier is above 0.9, so an
-    /// unstable island that is narrower may be missed. The limit is
-    /// computed twice, with 10 and 15 points a wave; where both differ by more than 1e-6 there is none.
+    /// Depths are tried upwards in steps of 8 %, and of 1 % if the largest multiplier is above 0.9, so a
+    /// narrower unstable island may be missed. The limit is computed twice, with 10 and 15 points per wave;
+    /// if both differ by more than 1e-6, the result is an error.
     ///
     /// # Errors
     /// A depth out of range; a cut with too many waves, or one that cannot be resolved; one in which
@@ -231,7 +231,7 @@ impl MillingDelay {
             Some(angle) => check
                 .crossing(C::new(libm::cos(angle), libm::sin(angle)), limit)?
                 .map(|(_, depth)| depth),
-            // Two zeros that came in together.
+            // Two zeros that entered together.
             None => {
                 let margin = 0.5 * AGREEMENT * limit;
                 let below = check.circle(limit - margin, 1.0)?.zeros();
@@ -251,11 +251,11 @@ impl MillingDelay {
         }
     }
 
-    /// A bound of what a disturbance grows by before it dies out, at a depth in m below the limit; in
-    /// simulations 10 to 30 times less.
+    /// An upper bound of the growth of a disturbance before it dies out, at a depth in m below the limit.
+    /// Simulations show 10 to 30 times less.
     ///
-    /// The more waves a tooth cuts, the more a disturbance grows where the force is largest, teeth after
-    /// teeth, while it moves on to where it decays.
+    /// With many waves per cut, a disturbance grows where the force is largest, over many teeth, while it
+    /// moves on to where it decays.
     ///
     /// # Errors
     /// A depth out of range; a cut with too many waves.
@@ -264,12 +264,12 @@ impl MillingDelay {
         Ok(Solver::new(self, NODES, depth_m, 1.0)?.growth(depth_m))
     }
 
-    /// Complex multiplications of [`MillingDelay::limit`], roughly.
+    /// Approximate number of complex multiplications of [`MillingDelay::limit`].
     #[must_use]
     pub fn limit_work(&self) -> f64 {
         const CIRCLES: f64 = 40.0;
         let strength = Strength::new(self);
-        // A limit is at some three times the depth that no motion can chatter at.
+        // A limit is at about three times the depth up to which no motion can chatter.
         let depth = 3.0 * safe_m(self, &strength);
         let points = 24.0 + 1.5 * depth * strength.mean * self.period_s;
         let circle = 0.5 * points * Elements::work(self, &strength, 3.0 * depth);
@@ -280,8 +280,8 @@ impl MillingDelay {
         CIRCLES * circle
     }
 
-    /// The largest multiplier at a depth in m, if it is larger than 0.3 in magnitude; of a pair the one with
-    /// a positive imaginary part.
+    /// The largest multiplier at a depth in m, if its magnitude exceeds 0.3; of a pair the one with a
+    /// positive imaginary part.
     ///
     /// # Errors
     /// A depth out of range; a cut with too many waves, or one that cannot be resolved.
@@ -291,7 +291,7 @@ impl MillingDelay {
         for radius in [1.0, 1.3, 1.7, 2.2, 2.8, 3.4] {
             let mut circle = solver.circle(depth_m, radius)?;
             if circle.zeros() == 0 && radius < 3.0 {
-                // One right outside is as good.
+                // A zero right outside the circle serves as well.
                 let near = circle
                     .nearest_zeros()
                     .into_iter()
@@ -301,7 +301,7 @@ impl MillingDelay {
                 }
                 continue;
             }
-            // The circle shrinks until the zero found is its only one.
+            // The circle shrinks until it contains this zero only.
             let (mut none, mut some) = (0.5 * radius, radius);
             for _ in 0..60 {
                 let zeros = circle.nearest_zeros();

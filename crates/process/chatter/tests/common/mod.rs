@@ -1,4 +1,4 @@
-//! The tool and the law of the source, and random numbers.
+//! The published tool and law, and random numbers.
 
 #![allow(dead_code, unreachable_pub, reason = "each test uses its part")]
 #![allow(
@@ -21,7 +21,7 @@ pub fn steel() -> ForceLaw {
     LawDefinition::built_in("40X-R1").unwrap().law(tool).unwrap()
 }
 
-/// The tool of the source with the damping ratio of its second axis.
+/// The published tool with the damping ratio of its second axis.
 pub fn tool(speed_m_min: f64, second_ratio: f64) -> CuttingTool {
     CuttingTool {
         axes: [

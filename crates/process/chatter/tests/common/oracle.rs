@@ -1,5 +1,5 @@
-//! Another computation of the same motion: law and equations as the paper prints them, fixed steps, no code
-//! of the crate.
+//! An independent computation of the same motion: law and equations as printed in the paper, fixed steps, no
+//! code of the crate.
 
 #![allow(dead_code, unreachable_pub, reason = "each test uses its part")]
 
@@ -16,7 +16,7 @@ pub struct Oracle {
     sin: f64,
 }
 
-/// What becomes of a disturbance.
+/// The fate of a disturbance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     Died,
@@ -24,7 +24,7 @@ pub enum End {
     Left,
     /// Neither.
     Stays,
-    /// The blow itself brings the speed below the floor, within two periods.
+    /// The impulse itself brings the speed below the floor, within two periods.
     TooLarge,
 }
 
@@ -52,7 +52,7 @@ impl Oracle {
         }
     }
 
-    /// With a law of its own for the radial force.
+    /// With a separate law for the radial force.
     pub fn with_radial(self, law: [f64; 4]) -> Self {
         Self {
             radial: Some(law),
@@ -112,7 +112,7 @@ impl Oracle {
         std::array::from_fn(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]))
     }
 
-    /// The steady cut: the actual depth that the deflection under its force leaves, by halving.
+    /// The steady cut: the actual depth that is consistent with the deflection under its force, by bisection.
     pub fn rest(&self) -> State {
         let bent = |t: f64| -> State {
             let v = self.tool.speed_m_min;
@@ -137,7 +137,7 @@ impl Oracle {
         bent(low)
     }
 
-    /// Half of the distance between the extremes of V2, m, 3 s after a blow along V2, m/s.
+    /// Half of the distance between the extremes of V2, m, 3 s after an impulse along V2, m/s.
     pub fn settled(&self, blow_m_s: f64) -> f64 {
         let h = 1e-5;
         let mut x = self.rest();
@@ -160,7 +160,7 @@ impl Oracle {
         (2.0 * energy / (one.mass_kg + two.mass_kg)).sqrt()
     }
 
-    /// What becomes of a blow along V1, V2 that is a part of what brings the speed to the floor.
+    /// The fate of an impulse along V1, V2 that is a fraction of the one that brings the speed to the floor.
     pub fn blow(&self, part: f64, v1: f64, v2: f64) -> End {
         let tool = &self.tool;
         let fastest = tool
@@ -205,7 +205,7 @@ impl Oracle {
         End::Stays
     }
 
-    /// Directions of blows: principal axes, along the cutting speed, and across it.
+    /// Directions of impulses: principal axes, along the cutting speed, and across it.
     pub fn directions(&self) -> [[f64; 2]; 4] {
         [
             [1.0, 0.0],
