@@ -1,24 +1,24 @@
-//! Why there is no force, or no law.
+//! Errors of forces and of laws.
 
 use evolvent_config::plain;
 use thiserror::Error;
 
-/// Why a law has no force for a cut. Small and without text of its own, so that the cycle may return it.
+/// Why a law has no force for a cut. Small and without own text, so that the cycle may return it.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum ForceError {
-    /// The cutting speed is zero, negative or no number.
+    /// The cutting speed is zero, negative or NaN.
     #[error("no cutting force at a speed of {speed_m_min} m/min: give a positive speed")]
     Speed {
         /// As given.
         speed_m_min: f64,
     },
-    /// The depth of cut is zero, negative or no number.
+    /// The depth of cut is zero, negative or NaN.
     #[error("no cutting force at a depth of {depth_mm} mm: give a positive depth")]
     Depth {
         /// As given.
         depth_mm: f64,
     },
-    /// The feed is zero, negative or no number.
+    /// The feed is zero, negative or NaN.
     #[error("no cutting force at a feed of {feed_mm_rev} mm/rev: give a positive feed")]
     Feed {
         /// As given.
@@ -35,7 +35,7 @@ pub enum ForceError {
         /// `(f k5)^2 / (4 g k6)`.
         ratio: f64,
     },
-    /// A table ends before this cut.
+    /// The cut is outside the table.
     #[error(
         "the table of forces ends before {} {quantity}: it covers {least} to {most}; extend the table",
         plain(*.value)
@@ -50,13 +50,13 @@ pub enum ForceError {
         /// Last entry.
         most: f64,
     },
-    /// The law gives a force that is negative or no number.
+    /// The law gives a force that is negative or NaN.
     #[error(
         "the force law gives {tangential_n} N at {speed_m_min} m/min and {depth_mm} mm: it does not hold \
          there; choose another law or cut"
     )]
     Negative {
-        /// What the law gives.
+        /// Force by the law.
         tangential_n: f64,
         /// As given.
         speed_m_min: f64,
@@ -65,22 +65,22 @@ pub enum ForceError {
     },
 }
 
-/// Why coefficients make no law.
+/// Why coefficients are not a valid law.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum LawError {
-    /// A number is not finite or far from anything real.
+    /// A number is not finite or out of range.
     #[error("{name} is {}: give a number from {least} to {most}", plain(*.value))]
     Number {
         /// The coefficient.
         name: &'static str,
         /// As given.
         value: f64,
-        /// Least permitted.
+        /// Minimum.
         least: f64,
-        /// Most permitted.
+        /// Maximum.
         most: f64,
     },
-    /// The rational law has a pole at this rake angle, whatever the feed.
+    /// The rational law has a pole at this rake angle, at any feed.
     #[error(
         "at a rake angle of {rake_deg} degrees the force law has a pole: (f k5)^2 is {ratio} times 4 g k6 \
          and must be below 1; choose another rake angle or law"
@@ -102,7 +102,7 @@ pub enum LawError {
         /// The factor.
         factor: f64,
     },
-    /// An axis of a table does not rise, or is too short or too long.
+    /// An axis of a table does not increase, or is too short or too long.
     #[error("the table's axis {axis} must have 1 to 200 rising, positive entries; entry {entry} is {}", plain(*.value))]
     Axis {
         /// Name of the axis.
@@ -112,13 +112,13 @@ pub enum LawError {
         /// The entry.
         value: f64,
     },
-    /// A table's axis has one entry and no exponent says how force changes along it.
+    /// An axis of a table has one entry, and no exponent for other values.
     #[error("the table has one entry along {axis}: add the exponent {axis}_exponent")]
     NoExponent {
         /// Name of the axis.
         axis: &'static str,
     },
-    /// The forces do not fit the axes.
+    /// The numbers of forces do not match the axes.
     #[error(
         "the table needs force_n as {feeds} lists (feeds) of {depths} lists (depths) of {speeds} forces \
          (speeds)"

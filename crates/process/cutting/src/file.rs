@@ -14,7 +14,7 @@ use crate::power::PowerLaw;
 use crate::rational::{RationalCoefficients, RationalLaw};
 use crate::table::ForceTable;
 
-/// Laws that are always there: name and text of the file.
+/// Built-in laws: text of each file.
 const BUILT_IN: [&str; 1] = [include_str!("../../../../config/laws/40x-r1.toml")];
 
 /// A law as a file gives it, before the angles of a tool are known.
@@ -159,14 +159,14 @@ struct TableFile {
 }
 
 impl LawDefinition {
-    /// Names of the laws that are built in.
+    /// Names of the built-in laws.
     #[must_use]
     pub fn built_in_names() -> Vec<String> {
         let laws = BUILT_IN.iter().filter_map(|text| Self::parse(text, "").ok());
         laws.map(|law| law.name).collect()
     }
 
-    /// The law of that name (capitals or not) that is built in, if there is one.
+    /// The built-in law of that name in either case, if there is one.
     #[must_use]
     pub fn built_in(name: &str) -> Option<Self> {
         let mut laws = BUILT_IN.iter().filter_map(|text| Self::parse(text, "").ok());
@@ -176,7 +176,8 @@ impl LawDefinition {
     /// Reads the text of a law file; `file` names it in errors.
     ///
     /// # Errors
-    /// Text that is not TOML (or JSON, where the name ends in .json), keys that are unknown, missing or make no sense.
+    /// Text that is not TOML (or JSON, if the name ends in .json), and keys that are unknown, missing or
+    /// invalid.
     pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::parse(text, file)?;
         let law: Self = sheet.read()?;
@@ -225,7 +226,7 @@ impl LawDefinition {
                 ));
             }
         }
-        // A tool that any law takes shows whether the numbers are good; the angles come later.
+        // Checks the numbers with a tool that every law accepts; the actual angles are known later.
         let tool = Tool {
             rake_deg: 0.0,
             lead_deg: 45.0,
@@ -240,10 +241,10 @@ impl LawDefinition {
         }
     }
 
-    /// The law for a tool. Kinds that do not know the angles of a tool take any.
+    /// The law for a tool. Kinds without angles accept any tool.
     ///
     /// # Errors
-    /// Numbers that make no law: see [`LawError`].
+    /// Invalid coefficients: see [`LawError`].
     pub fn law(&self, tool: Tool) -> Result<ForceLaw, LawError> {
         let law: ForceLaw = match (&self.power, &self.rational, &self.table) {
             (Some(power), ..) if self.kind == KindWord::Power => PowerLaw {
@@ -266,7 +267,7 @@ impl LawDefinition {
                 [table.speed_exponent, table.depth_exponent, table.feed_exponent],
             )?
             .into(),
-            // Parsed definitions have the table of their kind.
+            // A parsed definition has the table of its kind.
             _ => {
                 return Err(LawError::Shape {
                     feeds: 0,
@@ -287,7 +288,7 @@ impl LawDefinition {
     }
 }
 
-/// The JSON schema of the law file, as `config/law.schema.json` ships it: editors complete and check with it.
+/// The JSON schema of the law file, shipped as `config/law.schema.json` for completion and checks in editors.
 #[must_use]
 pub fn law_schema() -> serde_json::Value {
     schemars::schema_for!(LawDefinition).to_value()

@@ -4,30 +4,29 @@ use std::fmt;
 
 use crate::power::power;
 
-/// Intervals of a binade.
+/// Intervals per binade.
 const INTERVALS: usize = 128;
 /// Binary exponents of the bases in the table: 1e-6 to 1e5 in mm or m/min.
 const BINADES: std::ops::Range<i32> = -20..17;
-/// Terms of the binomial series. Its argument is at most 1/256, so the first that is left out is below 1e-16
-/// of the sum for exponents from -10 to 10.
+/// Terms of the binomial series. Its argument is at most 1/256, so the first omitted term is below 1e-16 of
+/// the sum for exponents from -10 to 10.
 const TERMS: usize = 8;
 const MANTISSA_BITS: u32 = 52;
 const ONE: u64 = 1.0_f64.to_bits();
 
-/// `x^exponent`: the power of the middle of an interval from a table, the rest of the way by the binomial
-/// series.
+/// `x^exponent`: the power of the middle of an interval from a table, times the binomial series of the
+/// remaining ratio.
 ///
-/// Exact to some units in the last place. Bases beyond the table take `exp(exponent ln x)`, which is dearer
-/// by a factor of three and, for a large power, less exact.
+/// Accurate to a few units in the last place. Bases outside the table use `exp(exponent ln x)`, which costs
+/// three times as much and is less accurate for a large power.
 #[derive(Clone, PartialEq)]
 pub(crate) struct FixedPower {
     exponent: f64,
     /// 2^(exponent k) for each binade.
     binades: Vec<f64>,
-    /// Reciprocal of about the middle of each interval of 1 to 2, and the power of what it is the reciprocal
-    /// of.
+    /// For each interval of 1 to 2: the reciprocal of a number near its middle, and the power of that number.
     intervals: Vec<[f64; 2]>,
-    /// Binomial coefficients of the exponent, from the linear term on.
+    /// Binomial coefficients of the exponent, starting with the linear term.
     series: [f64; TERMS],
 }
 
@@ -56,7 +55,7 @@ impl FixedPower {
         let bits = base.to_bits();
         let mantissa = bits & ((1 << MANTISSA_BITS) - 1);
         let interval = (mantissa >> (MANTISSA_BITS - INTERVALS.ilog2())) as usize;
-        // The sign bit of a negative base makes the binade absurd, as do infinities and NaN.
+        // A sign bit, infinities and NaN give a binade outside the table.
         let binade =
             (bits >> MANTISSA_BITS) as i64 - (ONE >> MANTISSA_BITS) as i64 - i64::from(BINADES.start);
         let binade = usize::try_from(binade).ok().and_then(|k| self.binades.get(k));

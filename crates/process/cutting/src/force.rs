@@ -11,7 +11,7 @@ pub struct Cut {
     pub feed_mm_rev: f64,
 }
 
-/// The angles of a tool, as far as laws know them.
+/// The angles of a tool that laws use.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tool {
     /// Rake angle, degrees.
@@ -20,7 +20,7 @@ pub struct Tool {
     pub lead_deg: f64,
 }
 
-/// A force and how it changes with each condition.
+/// A force and its partial derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Force {
     /// Tangential force (along the cutting speed, Pz), N.
@@ -33,7 +33,7 @@ pub struct Force {
     pub per_feed: f64,
 }
 
-/// A force at a feed that is held.
+/// A force at a fixed feed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SectionForce {
     /// Tangential force, N.

@@ -1,4 +1,4 @@
-//! One law, whatever its kind.
+//! A force law of any kind.
 
 use crate::error::ForceError;
 use crate::fixed_power::FixedPower;
@@ -7,7 +7,7 @@ use crate::power::PowerLaw;
 use crate::rational::{RationalLaw, RationalSection};
 use crate::table::{ForceTable, Weights};
 
-/// Where the data of a law are from: lowest and highest speed (m/min), depth (mm) and feed (mm/rev).
+/// Range of the data of a law: minimum and maximum speed (m/min), depth (mm) and feed (mm/rev).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covered {
     /// m/min.
@@ -57,7 +57,7 @@ enum Kind {
     Table(ForceTable),
 }
 
-/// A law at a feed that is held: for many speeds and depths.
+/// A law at a fixed feed, for many speeds and depths.
 #[derive(Clone, Copy, Debug)]
 pub struct Section<'a> {
     kind: SectionKind<'a>,
@@ -89,8 +89,7 @@ impl From<ForceTable> for ForceLaw {
 }
 
 impl ForceLaw {
-    /// Radial force over tangential force (Py / Pz) where nothing else is known. An assumption, no
-    /// measurement.
+    /// Radial force over tangential force (Py / Pz) if nothing else is known. Assumed, not measured.
     pub const ASSUMED_RADIAL_RATIO: f64 = 0.4;
 
     fn of(kind: Kind) -> Self {
@@ -101,7 +100,7 @@ impl ForceLaw {
         }
     }
 
-    /// The same law with another ratio of radial to tangential force, and where its data are from.
+    /// The same law with another ratio of radial to tangential force, and with the range of its data.
     #[must_use]
     pub fn with(self, radial_ratio: f64, covered: Covered) -> Self {
         Self {
@@ -117,13 +116,14 @@ impl ForceLaw {
         self.radial_ratio
     }
 
-    /// Where the data are from.
+    /// The range of the data.
     #[must_use]
     pub fn covered(&self) -> &Covered {
         &self.covered
     }
 
-    /// Whether the data reach to this cut; else a force is extrapolated. The cycle may call it.
+    /// Whether the cut is within the range of the data; otherwise its force is extrapolated. The cycle may
+    /// call it.
     #[must_use]
     pub fn covers(&self, cut: Cut) -> bool {
         let within = |range: [f64; 2], value: f64| (range[0]..=range[1]).contains(&value);
@@ -201,7 +201,7 @@ impl Section<'_> {
         Ok(force)
     }
 
-    /// The force of [`Section::force`] without its derivatives, N, in less time. The cycle may call it.
+    /// The force of [`Section::force`] without its derivatives, N, at less cost. The cycle may call it.
     ///
     /// # Errors
     /// As [`Section::force`].

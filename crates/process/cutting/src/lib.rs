@@ -1,10 +1,10 @@
 //! Cutting force over speed, depth of cut and feed.
 //!
-//! A [`ForceLaw`] answers [`ForceLaw::force`] for a [`Cut`]: the tangential force and its partial
-//! derivatives, or why there is no answer. There are three kinds: a power law, a table of measured forces,
-//! and the rational law with a falling section that the reconstruction "40X-R1" of steel 40X has. A law is
-//! data: a [`LawDefinition`] is read from a TOML file ([`LawDefinition::parse`]), or taken by name from those
-//! that are built in ([`LawDefinition::built_in`]), and becomes a law with the angles of a [`Tool`].
+//! [`ForceLaw::force`] returns the tangential force of a [`Cut`] with its partial derivatives, or the reason
+//! why there is none. There are three kinds of law: a power law, a table of measured forces, and a rational
+//! law with a falling section (the reconstruction "40X-R1" of steel 40X). A law is data: a [`LawDefinition`]
+//! is read from a TOML file ([`LawDefinition::parse`]) or is built in ([`LawDefinition::built_in`]), and
+//! becomes a law for the angles of a [`Tool`].
 //!
 //! ```
 //! use evolvent_cutting::{Cut, LawDefinition, Tool};
@@ -15,11 +15,11 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Who evaluates many speeds and depths at one feed takes [`ForceLaw::section`] first. Evaluation neither
-//! allocates nor reads a clock, and gives the same bits everywhere (`libm`): the real-time cycle may call it.
-//! Reading files and building laws is for start-up.
+//! For many speeds and depths at one feed, use [`ForceLaw::section`]. Evaluation neither allocates nor reads
+//! a clock, and gives the same bits on every host (`libm`): the real-time cycle may call it. Reading files
+//! and creating laws is for start-up.
 //!
-//! No law extrapolates silently: [`ForceLaw::covers`] says whether a cut lies where the data are from.
+//! No law extrapolates silently: [`ForceLaw::covers`] says whether a cut is within the range of the data.
 
 mod error;
 mod file;

@@ -1,4 +1,4 @@
-//! The power law that handbooks print.
+//! The power law of handbooks.
 
 use crate::error::LawError;
 use crate::fixed_power::FixedPower;
@@ -39,7 +39,7 @@ impl PowerLaw {
     /// Checks the numbers.
     ///
     /// # Errors
-    /// A coefficient or factor that is not positive, an exponent beyond 10, or what is not finite.
+    /// A coefficient or factor that is not positive, an exponent beyond 10, or a number that is not finite.
     pub fn checked(self) -> Result<Self, LawError> {
         number("coefficient_n", self.coefficient_n, 1e-9, 1e9)?;
         number("factor", self.factor, 1e-9, 1e9)?;
@@ -49,7 +49,7 @@ impl PowerLaw {
         Ok(self)
     }
 
-    /// The factor that the feed makes, with everything that is constant.
+    /// The factor of the feed, including all constants.
     pub(crate) fn at_feed(&self, feed: f64) -> f64 {
         self.coefficient_n * self.factor * libm::pow(feed, self.feed_exponent)
     }
@@ -79,14 +79,14 @@ impl PowerLaw {
     }
 }
 
-/// `base` to the `exponent`, for a positive base: a third of the time of `pow`, with a relative error of
+/// `base` to the `exponent`, for a positive base, in a third of the time of `pow`. The relative error is
 /// 1e-16 times the logarithm of the power.
 pub(crate) fn power(base: f64, exponent: f64) -> f64 {
     libm::exp(exponent * libm::log(base))
 }
 
 pub(crate) fn number(name: &'static str, value: f64, least: f64, most: f64) -> Result<(), LawError> {
-    // A NaN is in no range.
+    // No range contains NaN.
     if (least..=most).contains(&value) {
         return Ok(());
     }

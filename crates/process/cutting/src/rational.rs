@@ -5,7 +5,7 @@ use crate::fixed_power::FixedPower;
 use crate::force::{SectionForce, Tool};
 use crate::power::number;
 
-/// The coefficients, as a law file gives them.
+/// The coefficients of a law file.
 ///
 /// `Pz = unit_n Kt Klead ((a V k1 + b k2) / (V^2 + f V k5 + g k6) + c k3 / V + d k4)`, V in m/min, with
 /// `Kt = depth_factor t^depth_exponent`, `Klead = lead_factor_at_0_deg + lead_factor_per_deg phi`, each of
@@ -28,10 +28,10 @@ pub struct RationalCoefficients {
     pub k: [[f64; 2]; 6],
 }
 
-/// The law for a tool: rake and lead angle are taken into the coefficients.
+/// The law for a tool: its coefficients include rake and lead angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RationalLaw {
-    /// a k1, b k2, f k5, g k6, c k3, d k4 at 1 mm/rev, in that order; a, b, c, d with all factors but the
+    /// a k1, b k2, f k5, g k6, c k3, d k4 at 1 mm/rev, in that order; a, b, c, d with all factors except the
     /// depth's, N.
     terms: [Term; 6],
     depth_exponent: f64,
@@ -63,11 +63,11 @@ pub(crate) struct RationalSection<'a> {
 }
 
 impl RationalLaw {
-    /// Takes the angles of a tool into the coefficients.
+    /// Applies the angles of a tool to the coefficients.
     ///
     /// # Errors
-    /// Numbers that are not finite or absurd; a lead angle at which the force would not be positive; a rake
-    /// angle at which the law has a pole at every feed (where that does not depend on the feed; else
+    /// Numbers that are not finite or out of range; a lead angle at which the force would not be positive; a
+    /// rake angle at which the law has a pole at every feed (if that does not depend on the feed; otherwise
     /// [`ForceError::Pole`]).
     pub fn new(coefficients: &RationalCoefficients, tool: Tool) -> Result<Self, LawError> {
         let c = coefficients;
@@ -139,7 +139,7 @@ impl RationalLaw {
     ) -> Result<RationalSection<'a>, ForceError> {
         let [a, b, f, g, c, d] = self.terms.map(|term| term.at(feed));
         let ratio = pole_ratio(f, g);
-        // A NaN is not below 1.
+        // False for NaN too.
         if ratio < 1.0 {
             return Ok(RationalSection {
                 a,
@@ -158,7 +158,7 @@ impl RationalLaw {
         })
     }
 
-    /// Derivative by the feed at a valid section.
+    /// Derivative by the feed in a valid section.
     pub(crate) fn per_feed(&self, section: &RationalSection<'_>, feed: f64, speed: f64, depth: f64) -> f64 {
         let s = section;
         let [ea, eb, ef, eg, ec, ed] = self.terms.map(|term| term.exponent);

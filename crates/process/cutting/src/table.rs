@@ -7,12 +7,12 @@ use crate::power::number;
 /// Maximum number of entries along an axis.
 const MAX_ENTRIES: usize = 200;
 
-/// Forces over speed, depth and feed, joined by cubics in the logarithms of all four.
+/// Forces over speed, depth and feed, interpolated by cubics in the logarithms of all four.
 ///
-/// So a table that was sampled from a power law is that power law, force and its first derivatives are
-/// continuous, and the force is positive everywhere. An axis of one entry takes an exponent instead. Below
-/// the first depth and the first feed the power law of the first two entries goes on (a cut begins at
-/// nothing); elsewhere the table ends where its entries end.
+/// A table that was sampled from a power law is therefore that power law. Force and first derivatives are
+/// continuous, and the force is positive everywhere. An axis with one entry uses an exponent instead. Below
+/// the first depth and the first feed the power law of the first two entries continues, because a cut begins
+/// at zero. Elsewhere the table ends at its last entries.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceTable {
     speed: Axis,
@@ -29,18 +29,18 @@ struct Axis {
     logs: Vec<f64>,
     /// Exponent where there is one entry.
     exponent: f64,
-    /// The power law goes on below the first entry.
+    /// The power law continues below the first entry.
     open_below: bool,
 }
 
-/// Which entries count, and how much: for the value and for its derivative by the logarithm.
+/// Weights of the entries, for the value and for its derivative by the logarithm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Weights {
     first: usize,
     count: usize,
     value: [f64; 4],
     slope: [f64; 4],
-    /// Logarithm of the factor that an exponent makes, and that exponent.
+    /// Logarithm of the factor by the exponent, and that exponent.
     factor: f64,
     exponent: f64,
 }
@@ -174,7 +174,7 @@ impl Axis {
         }
         let mut last = 0.0;
         for (entry, &value) in entries.iter().enumerate() {
-            // A NaN does not rise; entries closer than this make slopes of noise.
+            // False for NaN too; slopes between closer entries are noise.
             if !(value > last * (1.0 + 1e-6) && (1e-6..=1e6).contains(&value)) {
                 return Err(LawError::Axis {
                     axis: name,
@@ -252,8 +252,8 @@ impl Axis {
         }
     }
 
-    /// Hermite's cubic between entries `i` and `i + 1`, with the slope of the parabola through three entries,
-    /// at the ends of the straight line: all linear in the entries.
+    /// Hermite cubic between entries `i` and `i + 1`. Slopes are those of the parabola through three entries,
+    /// at the ends of the straight line; all are linear in the entries.
     fn cubic(&self, i: usize, x: f64) -> Weights {
         let first = i.saturating_sub(1);
         let (before, here, after) = (i > 0, i - first, i + 2 < self.len());

@@ -1,4 +1,4 @@
-//! Law files: what is wrong is named with file, line and key.
+//! Law files: errors name file, line and key.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
@@ -30,7 +30,7 @@ fn every_key_of_a_law_is_required_or_known_optional() {
     }
 }
 
-/// To write the file anew: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-cutting schema`.
+/// To regenerate the file: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-cutting schema`.
 #[test]
 fn the_shipped_schema_is_that_of_the_code() {
     assert_schema("law.schema.json", &law_schema(), "evolvent-cutting");

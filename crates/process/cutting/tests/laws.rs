@@ -1,4 +1,4 @@
-//! Laws against printed and independently computed figures, and against identities.
+//! Laws compared with printed and independently computed values, and with identities.
 
 #![expect(
     clippy::unwrap_used,
@@ -21,7 +21,7 @@ fn cut(speed_m_min: f64, depth_mm: f64, feed_mm_rev: f64) -> Cut {
     }
 }
 
-/// Computed independently, in another language, from the formula.
+/// Values computed independently from the formula, in another language.
 #[test]
 fn the_law_40x_r1_has_independently_computed_forces() {
     for (v, t, s, rake, lead, expected) in [
@@ -42,7 +42,7 @@ fn the_law_40x_r1_has_independently_computed_forces() {
     }
 }
 
-/// Largest at 38.33 m/min, smallest at 11.28, steepest fall -19.0274 N per m/min between 10 and 70 m/min.
+/// Maximum at 38.33 m/min, minimum at 11.28, steepest fall -19.0274 N per m/min, between 10 and 70 m/min.
 #[test]
 fn the_law_40x_r1_rises_and_falls_as_in_the_figure() {
     let law = steel(10.0, 60.0);
@@ -284,7 +284,7 @@ fn a_pole_at_some_feeds_only_is_refused_at_those() {
             lead_deg: 60.0,
         })
         .unwrap();
-    // The ratio goes as S^-0.5: 0.7872 at 1 mm/rev, 1 at 0.62 mm/rev.
+    // The ratio is proportional to S^-0.5: 0.7872 at 1 mm/rev, 1 at 0.62 mm/rev.
     assert!(law.force(cut(60.0, 4.0, 0.63)).is_ok());
     assert!(matches!(law.force(cut(60.0, 4.0, 0.61)), Err(ForceError::Pole { ratio, .. }) if ratio > 1.0));
 }
