@@ -1,5 +1,4 @@
-//! The cutting process: turning passes that find themselves from the cutting load, and a workpiece to try
-//! them on.
+//! Load-adaptive turning passes and adaptive feed, with a simulated workpiece.
 //!
 //! ```text
 //! load sample ─► LoadWatch ─► depth of cut ─► TurningController ─► feed, height ─► two AxisDrives ─► setpoint
@@ -8,10 +7,9 @@
 //!                 Sensor ◄───────────────────────────────────────────────────────────────────── Workpiece
 //! ```
 //!
-//! A [`CutLaw`] says which load a depth and a feed make. Held at the set load, the feed tells the depth; a
-//! [`Regime`] holds the depths at which the feed meets its limits. The [`TurningController`] feeds at the
-//! final size, backs off where the cut is too deep, and comes back for what is left. It knows nothing of the
-//! stock but what it has felt.
+//! A [`CutLaw`] gives the load of a depth and a feed. At the set load, the feed gives the depth; a [`Regime`]
+//! holds the depths at which the feed meets its limits. The [`TurningController`] feeds at the final size,
+//! backs off where the cut is too deep, and returns for the rest. It knows only the stock that it has felt.
 //!
 //! ```
 //! use evolvent_turning::{
@@ -36,13 +34,13 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Places are measured along the cut from the face at which the tool comes in, heights outwards from the
-//! final size: mm, in longitudinal turning and in facing alike. Who calls turns them into X and Z.
+//! Positions are measured along the cut from the face at which the tool enters, heights outwards from the
+//! final size, both in mm, in longitudinal turning and in facing. The caller converts them to X and Z.
 //!
 //! [`TurningController::step`], [`LoadWatch`], [`SizeRecord`], [`AxisDrive`] and [`CutLaw`] are for the
-//! real-time cycle: they allocate nothing after set-up, look at no clock, and give the same bits for the same
-//! inputs. [`Workpiece`], [`Sensor`], [`SimulatedProcess`] and [`Simulation`] are the process that closes the
-//! loop in tests and trials.
+//! real-time cycle: they do not allocate after set-up, read no clock, and give the same bits for the same
+//! inputs. [`Workpiece`], [`Sensor`], [`SimulatedProcess`] and [`Simulation`] are the simulated process for
+//! tests and trials.
 //!
 //! The idea and equations (1) to (5) are from V. A. Timiryazev, A. V. Mukhin, A. A. Ivanov, "Adaptable
 //! control in autoprogramming of cutting tool path on a numerical control lathe".
