@@ -22,7 +22,7 @@ pub struct Command {
     pub feed_mm_rev: Option<f64>,
     /// The spindle whose revolutions `feed_mm_rev` refers to (`$` of G95).
     pub feed_spindle: u32,
-    /// A further part of the move of the command before (G95 with G96, where the feed changes along a move).
+    /// Continues the move of the previous command (G95 with G96, where the feed changes along a move).
     pub continues: bool,
 }
 
@@ -47,7 +47,7 @@ impl CallChain {
         })))
     }
 
-    /// Whether the line is of the program itself.
+    /// Whether the line is in the program itself.
     pub(crate) fn is_empty(&self) -> bool {
         self.0.is_none()
     }
@@ -121,7 +121,7 @@ pub enum Action {
         spindle: u32,
         /// Angle in degrees, 0 to 360.
         degrees: f64,
-        /// Direction; `None` for the shorter way.
+        /// Direction; `None` for the shorter one.
         direction: Option<SpindleDirection>,
         /// Time limit in seconds; 0 for none.
         timeout_s: f64,
@@ -149,8 +149,8 @@ pub enum Action {
         /// Spindle angle at the start, degrees from the index pulse, for multi-start threads. A continuation
         /// of another thread has the same angle.
         start_degrees: f64,
-        /// X in machine coordinates at which the tool is clear of the thread (the drive line of G76), where
-        /// that is known.
+        /// X in machine coordinates at which the tool is clear of the thread (the drive line of G76), if
+        /// known.
         clear_x: Option<f64>,
     },
     /// Turns a step in load-adaptive passes (a lathe's G82 Q1, G75 Q1). Starts and ends at its start
@@ -164,7 +164,7 @@ pub enum Action {
         curve: Curve,
         /// Path length per revolution, mm.
         pitch_mm: f64,
-        /// Spindle speed on the way out, relative to that on the way in.
+        /// Spindle speed on the path outwards, relative to that inwards.
         return_factor: f64,
     },
     /// A straight move until the probe trips (G38.2 to G38.5). Report the position of contact with

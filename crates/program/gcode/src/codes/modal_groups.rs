@@ -110,7 +110,7 @@ impl Cycle {
 }
 
 impl Motion {
-    /// Whether it is about a spindle, which `$` can name.
+    /// Whether it uses a spindle, which `$` can name.
     pub(crate) fn turns_spindle(self) -> bool {
         match self {
             Self::Thread

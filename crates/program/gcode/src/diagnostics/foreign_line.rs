@@ -1,4 +1,4 @@
-//! Refused lines of other dialects as a whole: what their words mean there, and what to write here.
+//! Rejected lines of other dialects: the meaning of their words there, and the equivalent here.
 
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::diagnostics::misread::four_digits;
@@ -15,7 +15,7 @@ pub(crate) struct Surroundings {
     pub(crate) is_diameter: bool,
 }
 
-/// A better error for a line of another dialect; none if nothing is known of it.
+/// A better error for a line of another dialect; `None` if the line is not recognized.
 #[cold]
 pub(crate) fn explain(text: &[u8], block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
     let line = String::from_utf8_lossy(text);
@@ -515,7 +515,7 @@ fn machine_code(block: &Block, fault: &Fault) -> Option<Fault> {
     })
 }
 
-/// A P that chooses something in other dialects.
+/// A P that selects something in other dialects.
 fn unused_p(block: &Block, fault: &Fault) -> Option<Fault> {
     let p = value(block, b'P').filter(|_| fault.code == Code::UnusedWord)?;
     let g = |number: f64| span_of(block, b'G', number).is_some();

@@ -1,4 +1,4 @@
-//! What to do about each error, where the place that found it knows nothing better.
+//! Advice on each error, used where the code that detects it has none.
 
 use crate::Code;
 

@@ -1,4 +1,5 @@
-//! Lines that are valid here and mean something else in other dialects: they would run, as something else.
+//! Lines that are valid here but have another meaning in other dialects, so that they would run with the
+//! wrong meaning.
 
 use crate::codes::modal_groups::{FeedMode, GCode, Group, MCode, Motion, NonModal};
 use crate::diagnostics::diagnostic::{Fault, Span};
@@ -10,15 +11,15 @@ use crate::{Code, ToolTable};
 /// T words of four digits: tool and offset, as lathes of other dialects write them.
 const FOUR_DIGITS: std::ops::RangeInclusive<u32> = 100..=9999;
 
-/// Maximum feed after G99 that is taken for one per revolution, mm/min: lathes feed 0.01 to 2 mm per
-/// revolution, and hardly ever as little per minute.
+/// Maximum feed after G99 that is taken for a feed per revolution, mm/min: lathes feed 0.01 to 2 mm per
+/// revolution, and hardly ever that little per minute.
 const LOW_FEED_MM_MIN: f64 = 5.0;
 
 /// The parameters with which macro programs of other dialects stop the machine.
 const ALARM: usize = 3000;
 const STOP: usize = 3006;
 
-/// The warning of a line that sets a system variable of other dialects, which is an ordinary parameter here.
+/// Warns of a line that sets a system variable of other dialects, which is an ordinary parameter here.
 #[cold]
 pub(crate) fn assignment(assignments: &[(Target, f64)], has_comment: bool) -> Option<String> {
     assignments.iter().find_map(|(target, value)| match *target {
@@ -36,8 +37,8 @@ pub(crate) fn assignment(assignments: &[(Target, f64)], has_comment: bool) -> Op
     })
 }
 
-/// A line of a lathe that is read here, but is something else on other lathes: an error if the motion would
-/// be plainly wrong, a warning where it may be meant.
+/// Checks a line of a lathe that has another meaning on other lathes: an error if the motion would be clearly
+/// wrong, a warning if it may be intended.
 pub(crate) fn on_lathe(
     line: &Statement,
     state: &mut State,
@@ -117,7 +118,7 @@ fn retract(line: &Statement, state: &mut State) -> Option<String> {
     if !state.is_g99_alone || !is_low || mode != FeedMode::PerMinute {
         return None;
     }
-    // Once.
+    // Warns once.
     state.is_g99_alone = false;
     Some(format!(
         "F{feed} is {feed} per minute: G99 is feed per revolution on other lathes, but here it is the \
@@ -140,7 +141,7 @@ fn tool_and_offset(line: &Statement, tools: Option<&ToolTable>) -> Option<String
     ))
 }
 
-/// What the T word of four digits is here.
+/// Meaning of the T word of four digits here.
 pub(crate) fn four_digits(number: u32) -> String {
     match (number / 100, number % 100) {
         (tool, 0) => format!("T{tool} M6 G49"),

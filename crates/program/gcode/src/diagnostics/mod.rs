@@ -1,4 +1,4 @@
-//! Errors with their place, and what other dialects mean.
+//! Errors with their position, and the meaning of lines in other dialects.
 
 pub(crate) mod diagnostic;
 pub(crate) mod foreign;

@@ -215,7 +215,7 @@ impl Executor<'_> {
         Ok((tool.diameter_mm, tool.orientation))
     }
 
-    /// G40: the last move stays as it is; the next one leads to the programmed position.
+    /// G40: the last move remains unchanged; the next one leads to the programmed position.
     pub(crate) fn leave_compensation(&mut self) {
         self.watch.end(self.out.len());
         let programmed = self.state.cutter.programmed;

@@ -17,8 +17,8 @@ use crate::execution::compensation::CutterState;
 use crate::execution::offset_path::{Point, dot, length, sub};
 use crate::{Action, CallChain, Command, Move, MoveKind};
 
-/// Maximum number of programmed moves of a contour that are compared, with three times as many of the path:
-/// some milliseconds.
+/// Maximum number of programmed moves of a contour that are compared, with three times as many of the path: a
+/// few milliseconds.
 const MAX_EDGES: usize = 2000;
 
 /// Maximum number of stored moves of earlier contours and their paths; the oldest contours are dropped.
@@ -420,7 +420,7 @@ impl ContourWatch {
     /// Adds a programmed move with compensation.
     pub(crate) fn programmed(&mut self, curve: &Curve, kind: MoveKind, line: u32, waiting: usize) {
         let Some(tool) = self.tool else { return };
-        // One more shows that there were too many.
+        // One more than the maximum marks the excess.
         if self.edges.len() <= MAX_EDGES {
             let piece = Piece::of(curve, tool.plane, [0.0; 2]);
             self.edges.extend(piece.map(|piece| Piece {
@@ -547,7 +547,7 @@ impl ContourWatch {
     }
 }
 
-/// Number of moves that may lead to a contour or away from it: the first and the arcs next to it.
+/// Number of moves that may lead to a contour or away from it: the first move and the arcs next to it.
 fn leads<'a>(mut moves: impl Iterator<Item = &'a Piece>) -> usize {
     let first = usize::from(moves.next().is_some());
     first + moves.take_while(|piece| piece.arc.is_some()).count()

@@ -20,12 +20,12 @@ use crate::{
     Action, CallChain, Code, Command, Origin, PathMode, SPINDLES, Settings, SpindleDirection, ToolTable,
 };
 
-/// Maximum number of commands that wait for cutter compensation or that one line gives: some hundred
+/// Maximum number of commands that wait for cutter compensation or that one line produces: a few hundred
 /// megabytes.
 pub(crate) const MAX_HELD_COMMANDS: usize = 1_000_000;
 
-/// A dwell of an integral number of seconds from this on is probably meant in milliseconds. Tuned: spindles
-/// reach their speed within a minute, and dialects with milliseconds rarely dwell less than 100 of them.
+/// Integral duration from which a dwell is probably meant in milliseconds. Tuned: spindles reach their speed
+/// within a minute, and dialects with milliseconds rarely dwell less than 100 of them.
 const LONG_DWELL_S: f64 = 100.0;
 
 /// Everything that a line can change.
@@ -42,7 +42,7 @@ pub(crate) struct Executor<'a> {
     pub(crate) changed: &'a mut Vec<Changed>,
     /// Contours whose parts may be too close to each other.
     pub(crate) watch: &'a mut ContourWatch,
-    /// An M2 or M30 is passed by: whether it is reached depends on an assumed contact.
+    /// Skips an M2 or M30 that is reached or not depending on an assumed contact.
     pub(crate) passes_end: bool,
     /// Line number for commands.
     pub(crate) number: u32,
@@ -85,7 +85,7 @@ impl Executor<'_> {
     pub(crate) fn run(&mut self) -> Result<Option<Request>, Fault> {
         let line = self.line;
         if let Some(GCode::FeedMode(mode)) = line.g(Group::FeedMode) {
-            // Lines that bring the modes of earlier blocks leave it as it is.
+            // The lines that restore the modes of earlier blocks do not change it.
             let is_restored = self.number <= self.settings.restored.lines && self.calls.is_empty();
             let modes = &mut self.state.modes;
             if !is_restored {
@@ -215,11 +215,11 @@ impl Executor<'_> {
         (modes.mist, modes.flood) = (false, false);
         for number in 0..SPINDLES {
             let spindle = &mut self.state.modes.spindles[number];
-            // An angle is not held any longer either.
+            // An angle of the spindle is not held any longer either.
             let turning = spindle.turns() || spindle.orientation.is_some();
             spindle.direction = SpindleDirection::Stopped;
-            // What follows starts in G97, where metres per minute are not a speed; a block of MDI takes the
-            // speed from the outputs.
+            // The following program starts in G97, where metres per minute are not a speed; an MDI block
+            // takes the speed from the outputs.
             let is_surface = spindle.speed.is_surface();
             if is_surface {
                 spindle.speed = ProgrammedSpeed::Rpm(0.0);
@@ -254,12 +254,12 @@ impl Executor<'_> {
             self.line.motion(),
             Some(Motion::FanucThread | Motion::FanucThreadCycle)
         ) {
-            // The lead of this thread, and no feed.
+            // F is the lead of this thread, not a feed.
             return Ok(());
         }
         self.state.fanuc_thread.forget_lead();
         self.state.modes.feed = match self.state.modes.feed_mode {
-            // Only for its own line.
+            // F is valid for its own line only.
             FeedMode::InverseTime => None,
             FeedMode::PerMinute => Some(ProgrammedFeed::PerMinute {
                 word: feed,

@@ -12,7 +12,7 @@ use crate::codes::modal_groups::{FeedMode, Group};
 use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 
-/// A hole as its line asks for it; heights in the coordinates of the program.
+/// A hole according to its line; heights in program coordinates.
 struct HoleOrder {
     hole: Hole,
     centre: Axes,
@@ -21,13 +21,13 @@ struct HoleOrder {
     pitch_mm: f64,
     allowance_mm: f64,
     turns: u32,
-    /// From here the tool feeds.
+    /// Height from which the tool feeds.
     r: f64,
     depths: Vec<f64>,
 }
 
 impl HoleOrder {
-    /// Roughing, and finishing where there is an allowance for it.
+    /// Roughing, and finishing if there is an allowance for it.
     fn stages(&self) -> &'static [bool] {
         if self.allowance_mm > 0.0 {
             &[false, true]
@@ -54,7 +54,7 @@ impl Executor<'_> {
     /// Executes a line with G12.2 (conventional with M3) or G13.2 (climb).
     pub(crate) fn hole(&mut self, sense: Sense) -> Result<(), Fault> {
         let order = self.hole_order(sense)?;
-        // Nothing moves unless the whole hole is possible.
+        // No motion unless the whole hole is possible.
         let lowest = order.depths.last().copied().unwrap_or(order.r);
         for &finish in order.stages() {
             self.hole_pass(&order, finish, lowest)?;
@@ -85,7 +85,7 @@ impl Executor<'_> {
         self.go(back, MoveKind::Rapid, mode)
     }
 
-    /// What the words of the line ask for.
+    /// Reads the words of the line.
     fn hole_order(&mut self, sense: Sense) -> Result<HoleOrder, Fault> {
         let line = self.line;
         let name = if sense == Sense::Clockwise {

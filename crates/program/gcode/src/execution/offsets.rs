@@ -60,8 +60,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Warns of the length of another tool than the one in the spindle. Without a tool change nobody knows
-    /// which one that is.
+    /// Warns of the length of another tool than the one in the spindle. Without a tool change the tool in the
+    /// spindle is unknown.
     fn warn_of_other_length(&mut self, number: u32, offset: &Axes) {
         let present = self.state.tool;
         let own = self.tools.as_ref().and_then(|tools| tools.get(present));
@@ -292,7 +292,7 @@ impl Executor<'_> {
             there.g92 = Axes::zeros();
         }
         let bare = there.program_of(there.programmed());
-        // An offset acts along the axes of the machine, and the words are along those of the system.
+        // An offset acts along the axes of the machine, but the words are along those of the system.
         let mut wanted = there.turn_back(tool.offset);
         for axis in AxisLetter::ALL {
             let place = axis.index();

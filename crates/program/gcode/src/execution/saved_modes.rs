@@ -1,4 +1,4 @@
-//! The modes that M70 and M73 save and that M72 and the end of the subroutine restore.
+//! The modes that M70 and M73 save, and that M72 and the end of the subroutine restore.
 
 use evolvent_path::Axes;
 
@@ -19,19 +19,19 @@ pub(crate) struct SavedModes {
     is_offset_active: bool,
 }
 
-/// The tool length that is in force.
+/// The active tool length.
 #[derive(Clone, Copy, Debug)]
 enum SavedLength {
     /// G49.
     Off,
-    /// That of the tool in the spindle by the tool table, whatever tool that is.
+    /// The length of the tool in the spindle by the tool table, for any tool.
     OfTool,
-    /// Another one, for this tool.
+    /// Another length, for this tool.
     Of { tool: u32, offset: Axes },
 }
 
 impl SavedModes {
-    /// What M70 saves.
+    /// The modes that M70 saves.
     pub(crate) fn new(state: &State, tools: Option<&ToolTable>, parameters: &Parameters) -> Self {
         let State {
             tool, tool_offset, ..
@@ -62,10 +62,10 @@ fn length_of(tool: u32, tools: Option<&ToolTable>) -> Axes {
 }
 
 impl Executor<'_> {
-    /// Restores all that M70 has saved.
+    /// Restores everything that M70 has saved.
     ///
-    /// As in LinuxCNC, a length that is in force is not replaced by another one: a subroutine may choose the
-    /// length of its tool.
+    /// As in LinuxCNC, an active length is not replaced by another one: a subroutine may select the length of
+    /// its tool.
     pub(crate) fn restore_saved(&mut self, saved: SavedModes, place: Span) -> Result<(), Fault> {
         let is_on = self.state.cutter.is_on();
         match saved.compensation {
@@ -90,7 +90,7 @@ impl Executor<'_> {
         if saved.is_offset_active == (self.parameters.numbered(G92_ACTIVE) != 0.0) {
             return Ok(());
         }
-        // As in LinuxCNC the switch is saved, and not the offset.
+        // As in LinuxCNC, whether the offset is active is saved, but not the offset.
         if saved.is_offset_active {
             return self.restore_offset();
         }
@@ -104,7 +104,7 @@ impl Executor<'_> {
         // As in LinuxCNC only spindle 0 is saved.
         saved.spindles[1..].copy_from_slice(&before.spindles[1..]);
         saved.active_spindle = before.active_spindle;
-        // No spindle is turned to an angle again.
+        // Spindles are not turned to their angles again.
         saved.spindles[0].orientation = before.spindles[0].orientation;
         self.state.modes = saved;
         if saved.work_index != before.work_index {

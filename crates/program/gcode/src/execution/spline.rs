@@ -238,8 +238,8 @@ impl Executor<'_> {
         let distance = |a: Point, b: Point| libm::hypot(b[0] - a[0], b[1] - a[1]);
         let mut size = distance(left[0], middle[0]) + distance(middle[0], right[0]);
         if halvings == 0 && size <= TOLERANCE_MM {
-            // A curve may pass its start in the middle. One that is at one point of all these, of at most
-            // degree nine, is a point.
+            // A curve may pass its start in the middle. One of degree nine at most whose samples are all
+            // equal is a single point.
             let at_part = |part: u32| at(from + (to - from) * f64::from(part) / 16.0)[0];
             size = (0..16)
                 .map(|part| distance(at_part(part), at_part(part + 1)))

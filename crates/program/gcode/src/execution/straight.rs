@@ -68,8 +68,8 @@ impl Executor<'_> {
     }
 
     /// The programmed position to which the next move in the plane leads after G40, if this line names no
-    /// axis of the plane. It moves the other axes alone: a tool that is raised after G40 stays beside the
-    /// contour.
+    /// axis of the plane. Such a line moves the other axes alone: a tool that is raised after G40 stays
+    /// beside the contour.
     fn pending_cancel(&self) -> Option<Axes> {
         let (state, line) = (&*self.state, self.line);
         let programmed = state.cutter.programmed.filter(|_| !state.cutter.is_on())?;
@@ -201,7 +201,7 @@ impl Executor<'_> {
         let feed = match kind {
             MoveKind::Rapid => f64::INFINITY,
             MoveKind::Feed => {
-                // After G40 the programmed path counts, in inverse time mode.
+                // After G40 the programmed path determines the time, in inverse time mode.
                 let programmed = match self.state.cutter.programmed {
                     Some(from) => libm::sqrt((target - from).fixed_rows::<3>(0).norm_squared()),
                     None => length,

@@ -1,4 +1,4 @@
-//! The result of probing moves that a check assumes, and what follows from it.
+//! The result of probing moves that a check assumes, and the consequences of that assumption.
 
 use std::io::BufRead;
 
@@ -27,7 +27,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Before a line: whether it is in a branch that depends on the result.
+    /// Called before a line: records whether it is in a branch that depends on the result.
     #[cold]
     pub(super) fn begin_assumed_line(&mut self) {
         let Some(assumption) = &mut self.parameters.assumption else {
@@ -48,8 +48,8 @@ impl<R: BufRead> Interpreter<R> {
         assumption.is_some_and(|assumption| assumption.is_read())
     }
 
-    /// A line that is skipped because of the result: with another one it might leave the subroutine or a
-    /// loop, and what is left of that is executed only if it does not.
+    /// Records a line that is skipped because of the result. With another result it might leave the
+    /// subroutine or a loop, and then the lines after it would not be executed.
     #[cold]
     pub(super) fn note_skipped_exit(&mut self, word: Option<&OWord>) {
         let leaves_subroutine = self.flow.frames.len() > 1
@@ -73,7 +73,7 @@ impl<R: BufRead> Interpreter<R> {
         };
     }
 
-    /// Whether a line that is skipped has M99.
+    /// Whether a skipped line has M99.
     fn returns_by_number(&mut self) -> bool {
         let scope = Scope {
             parameters: &self.parameters,
@@ -83,7 +83,7 @@ impl<R: BufRead> Interpreter<R> {
         };
         let block = &mut self.current.block;
         if parse(&self.current.text, block, &scope).is_err() {
-            // A value on the line may exist with another result only.
+            // A value on the line may exist only with another result.
             let code = self.current.text.split(|byte| matches!(byte, b'(' | b';')).next();
             return code.is_some_and(|code| without_spaces(code).windows(3).any(|word| word == b"M99"));
         }
@@ -93,7 +93,7 @@ impl<R: BufRead> Interpreter<R> {
             .any(|word| word.letter == b'M' && word.value == 99.0)
     }
 
-    /// After a condition: what it opens depends on the result if it has read it.
+    /// Called after a condition: its branch depends on the result if the condition has read it.
     pub(super) fn follow_condition(&mut self) {
         let Some(assumption) = &mut self.parameters.assumption else {
             return;
@@ -112,8 +112,8 @@ impl<R: BufRead> Interpreter<R> {
         assumption.is_in_branch.then_some(0)
     }
 
-    /// Whether the present line ends the program only if a contact is where it is assumed to be, so that the
-    /// lines after it are executed as if it had not been reached.
+    /// Whether the present line ends the program only with the assumed contact. The lines after it are then
+    /// executed as if it had not been reached.
     #[inline]
     pub(super) fn passes_end(&self) -> bool {
         let Some(assumption) = &self.parameters.assumption else {
@@ -126,7 +126,7 @@ impl<R: BufRead> Interpreter<R> {
             && assumption.passed_again < MAX_REPEATED_ERRORS
     }
 
-    /// The warning of such a line: a loop or a subroutine gives it once.
+    /// Warns of such a line, once per loop or subroutine.
     #[cold]
     pub(super) fn warn_of_passed_end(&mut self) {
         let file = self.origin().map(|origin| origin.file);
@@ -144,7 +144,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// After a line that was executed: what it leaves unknown, or known again.
+    /// Called after an executed line: records which values it leaves unknown, and which are known again.
     pub(super) fn follow_assumption(&mut self) {
         let line = &self.current.statement;
         if let Some(Motion::Probe { .. }) = line.motion()
@@ -185,7 +185,7 @@ impl<R: BufRead> Interpreter<R> {
         for axis in 0..AXES {
             let moves =
                 line.axis(axis).is_some() || rotated && axis < 2 && (line.has(b'X') || line.has(b'Y'));
-            // The move itself leads to its end, at most; it stops on the way.
+            // The move leads to its end at most; it stops before.
             assumption.position[axis] |= moves || line.has_polar() && axis < 2;
         }
     }
@@ -204,7 +204,7 @@ impl<R: BufRead> Interpreter<R> {
         });
     }
 
-    /// Whether an error may be due to an assumed contact alone.
+    /// Whether an error may be caused by an assumed contact alone.
     #[cold]
     pub(super) fn is_assumed(&self, diagnostic: &Diagnostic) -> bool {
         let Some(assumption) = &self.parameters.assumption else {
@@ -223,14 +223,14 @@ impl<R: BufRead> Interpreter<R> {
         assumption.excuses(diagnostic.code, plane, has_axes)
     }
 
-    /// The warning in place of an error that may be due to an assumed contact.
+    /// Outputs a warning in place of an error that may be caused by an assumed contact.
     #[cold]
     pub(super) fn warn_of_assumed(&mut self, diagnostic: &Diagnostic) {
         self.warn(format!("no contact is known: {}", diagnostic.message));
     }
 }
 
-/// As words are compared: in capitals.
+/// The form in which words are compared: in capitals.
 fn without_spaces(code: &[u8]) -> Vec<u8> {
     code.iter()
         .filter(|byte| !byte.is_ascii_whitespace())

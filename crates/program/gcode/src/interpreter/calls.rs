@@ -50,7 +50,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// What is being collected is complete.
+    /// Completes the collected subroutine.
     pub(crate) fn end_definition(&mut self) {
         if let Some(Definition { name, lines, .. }) = self.flow.definition.take() {
             let lines = Shared::new(lines);
@@ -123,7 +123,7 @@ impl<R: BufRead> Interpreter<R> {
         }
         let found = match self.flow.library.get(name) {
             Some(found) => Some(found.clone()),
-            // The mistake is at its beginning.
+            // The mistake is at the start of the subroutine.
             None if self.flow.refused_subs.contains(&name) => return Ok(()),
             None => self.load(text, name, span)?,
         };
@@ -159,8 +159,7 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
-    /// Leaves a subroutine, or begins its next repetition. It is left even where its modes cannot be
-    /// restored.
+    /// Leaves a subroutine, or starts its next repetition. It is left even if its modes cannot be restored.
     pub(crate) fn return_from(&mut self, value: Option<f64>) -> Result<(), Fault> {
         if self.frame().again > 0 {
             let frame = self.frame();
@@ -250,7 +249,7 @@ impl<R: BufRead> Interpreter<R> {
             self.mark();
         }
         let mut found: Option<(Keyword, Lines)> = None;
-        // Lines that are on the tape but not executed yet may contain it too.
+        // Stored lines that are not executed yet may contain it too.
         let mut place = self.flow.frames[0].at.min(self.flow.tape.len());
         let mut text = Vec::new();
         loop {

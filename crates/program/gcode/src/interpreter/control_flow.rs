@@ -1,4 +1,4 @@
-//! What decides which line is next.
+//! The selection of the next line.
 
 use std::io::BufRead;
 
@@ -7,16 +7,16 @@ use crate::interpreter::o_words::{Definition, Frame, Skip};
 use crate::parameters::names::{NameId, Names};
 use crate::syntax::lines::{Library, Lines};
 
-/// Where a loop begins.
+/// The start of a loop.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LoopPlace {
-    /// The file, where it is not the program itself but one of a subroutine.
+    /// The subroutine file; `None` for the program itself.
     pub file: Option<String>,
     /// Its line there, from 1.
     pub line: u32,
 }
 
-/// What decides which line is next: subroutines, loops and branches.
+/// The state that selects the next line: subroutines, loops and branches.
 pub(crate) struct ControlFlow {
     /// Whether a subroutine has started or ended since [`CurrentLine::place`] was recorded.
     pub(crate) has_moved: bool,
@@ -29,7 +29,7 @@ pub(crate) struct ControlFlow {
     /// Whether lines are skipped only because of an assumed contact.
     pub(crate) skips_assumed: bool,
     pub(crate) definition: Option<Definition>,
-    /// Subroutines whose beginning was refused: what follows from that is no error of its own.
+    /// Subroutines whose start was rejected: errors that follow from that are not reported.
     pub(crate) refused_subs: Vec<NameId>,
     pub(crate) library: Library,
     pub(crate) labels: Names,
@@ -56,7 +56,7 @@ impl Default for ControlFlow {
 }
 
 impl<R: BufRead> Interpreter<R> {
-    /// Where the outermost loop begins that the line read last belongs to, in the program or in a subroutine.
+    /// The start of the outermost loop that contains the line read last, in the program or in a subroutine.
     #[must_use]
     pub fn outermost_loop(&self) -> Option<LoopPlace> {
         self.flow.outermost_loop()
@@ -64,7 +64,7 @@ impl<R: BufRead> Interpreter<R> {
 }
 
 impl ControlFlow {
-    /// Where the outermost active loop begins.
+    /// The start of the outermost active loop.
     pub(crate) fn outermost_loop(&self) -> Option<LoopPlace> {
         self.frames.iter().find_map(|frame| {
             let start = frame.open.iter().find_map(|open| open.loop_start())?;

@@ -1,4 +1,4 @@
-//! The line that is being executed, and where it is.
+//! The line that is being executed, and its position.
 
 use std::sync::Arc as Shared;
 

@@ -1,5 +1,5 @@
-//! Lines that mean something else on other controls: what is warned of or refused, and what advice on errors
-//! depends on.
+//! Warnings and errors for lines that have another meaning on other controls, and the state on which advice
+//! depends.
 
 use std::io::BufRead;
 
@@ -11,7 +11,7 @@ use crate::diagnostics::foreign_line::Surroundings;
 use crate::diagnostics::misread;
 
 impl<R: BufRead> Interpreter<R> {
-    /// What advice depends on. A refused line has set neither plane nor G7.
+    /// The state on which advice depends. A rejected line has set neither plane nor G7.
     pub(super) fn surroundings(&self) -> Surroundings {
         Surroundings {
             is_lathe: self.settings.features.lathe,
@@ -20,7 +20,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Refuses or warns of a line that is something else on other lathes.
+    /// Rejects a line that has another meaning on other lathes, or warns of it.
     pub(super) fn check_lathe_forms(&mut self) -> Result<(), Fault> {
         let (line, tools) = (&self.current.statement, self.tools.as_ref());
         if let Some(text) = misread::on_lathe(line, &mut self.state, tools)? {

@@ -1,9 +1,9 @@
-//! What is unknown after a refused line, or before the first line, so that errors caused by it alone are not
-//! reported.
+//! State that is unknown after a rejected line, or before the first line, so that errors caused by it alone
+//! are not reported.
 //!
-//! A refused line has no effect. The lines after it were written for its effect: arcs start at its end, words
-//! have the meaning of its mode, moves use its feed. Errors that are likely due to that alone are not
-//! reported; the next run shows them if they are errors of their own.
+//! A rejected line has no effect. The lines after it were written for its effect: arcs start at its end,
+//! words have the meaning of its mode, moves use its feed. Errors that are likely caused by that alone are
+//! not reported; the next run reports them if they remain.
 
 use evolvent_path::{AXES, AxisLetter};
 
@@ -13,10 +13,10 @@ use crate::state::machine_state::State;
 use crate::syntax::block::{Block, Word};
 use crate::syntax::statement::Statement;
 
-/// What is unknown after the lines so far.
+/// State that is unknown after the lines so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Doubt {
-    /// Axes that have not left a start whose position means nothing.
+    /// Axes still at a start position that is undefined.
     start: [bool; AXES],
     /// Axes with an offset that was set from such a position.
     offset: [bool; AXES],
@@ -29,12 +29,12 @@ pub(crate) struct Doubt {
     contour: bool,
     /// Parameters: the line may have set some.
     values: bool,
-    /// What coordinates refer to: units, distance mode, offsets, tool length.
+    /// The reference of coordinates: units, distance mode, offsets, tool length.
     frame: bool,
 }
 
 impl Doubt {
-    /// Before the first line: the positions of these axes mean nothing.
+    /// The state before the first line: the positions of these axes are undefined.
     pub(crate) const fn of_start(unknown: [bool; AXES]) -> Self {
         Self {
             start: unknown,
@@ -54,12 +54,12 @@ impl Doubt {
         self.mode || self.feed || self.contour || self.values || self.frame || has_place
     }
 
-    /// Adds what a refused line would have changed: according to its words if they could be read, otherwise
-    /// to the letters in its text outside comments.
+    /// Adds what a rejected line would have changed: by its words if they could be read, otherwise by the
+    /// letters of its text outside comments.
     #[cold]
     pub(crate) fn refuse(&mut self, code: Code, text: &[u8], block: &Block, state: &State) {
         if code == Code::ActiveComment {
-            // A comment is no word: an (ABORT) that the check does not follow leaves everything as it was.
+            // Comments have no words: an (ABORT) that the check does not execute changes nothing.
             return;
         }
         let is_read = is_of_words(code);
@@ -78,7 +78,7 @@ impl Doubt {
         for (position, letter) in self.position.iter_mut().zip(*b"XYZ") {
             *position |= has(letter) || has(b'@') || has(b'^');
         }
-        // A code that is none may mean any on the control that the line was written for.
+        // An invalid code may be any code on the control for which the line was written.
         let may_set = |changes: fn(&GCode, &State) -> bool| {
             let sets = |word: &Word| code_of(word).is_none_or(|code| changes(&code, state));
             let mut codes = block.words.iter().filter(|word| word.letter == b'G');
@@ -106,8 +106,7 @@ impl Doubt {
             for (position, letter) in self.position.iter_mut().zip(*b"XYZ") {
                 *position &= !line.has(letter);
             }
-            // In rotated coordinates X alone leads along both axes of the machine, from a Y that means
-            // nothing.
+            // In rotated coordinates X alone moves both axes of the machine, from an undefined Y.
             let both = line.has(b'X') && line.has(b'Y');
             for (index, (start, axis)) in self.start.iter_mut().zip(AxisLetter::ALL).enumerate() {
                 let is_sent = if is_rotated && index < 2 {
@@ -118,7 +117,7 @@ impl Doubt {
                 *start &= !is_sent;
             }
         }
-        // An offset that is set from a position that means nothing means as little.
+        // An offset that is set from an undefined position is undefined too.
         let sets_offset = match line.once() {
             Some(NonModal::SetOffset) => true,
             Some(NonModal::SetData) => matches!(line.word(b'L'), Some(10.0 | 11.0 | 20.0)),
@@ -137,7 +136,7 @@ impl Doubt {
         self.contour &= state.cutter.is_on();
     }
 
-    /// The axes along which a move may leave the travel only because of the refused lines or of the start.
+    /// The axes along which a move may leave the travel only because of rejected lines or of the start.
     pub(crate) fn of_travel(&self, text: &[u8], is_rotated: bool) -> [bool; AXES] {
         let all = self.frame || self.values && text.contains(&b'#');
         let level = is_rotated && (self.offset[0] || self.offset[1]);
@@ -147,7 +146,7 @@ impl Doubt {
         })
     }
 
-    /// Whether the error of a line may be due to what is unknown alone.
+    /// Whether the error of a line may be caused by unknown state alone.
     pub(crate) fn excuses(&self, code: Code, block: &Block, state: &State) -> bool {
         let plane = state.plane().map_or([0, 1], |plane| {
             let (first, second, _) = plane.axes();
@@ -183,7 +182,7 @@ impl Doubt {
     }
 }
 
-/// Whether a word sets what coordinates refer to.
+/// Whether a word changes the reference of coordinates.
 fn sets_frame(word: &Word) -> bool {
     match word.letter {
         b'T' => true,
@@ -193,7 +192,7 @@ fn sets_frame(word: &Word) -> bool {
     }
 }
 
-/// Whether a G code sets what coordinates refer to.
+/// Whether a G code changes the reference of coordinates.
 fn is_frame_code(value: f64) -> bool {
     matches!(
         (10.0 * value).round() as u32,
@@ -201,8 +200,8 @@ fn is_frame_code(value: f64) -> bool {
     )
 }
 
-/// The text of a line in capitals without blanks, comments and names of parameters: letters that are not in
-/// it start no word.
+/// The text of a line in capitals without blanks, comments and names of parameters: letters outside of it
+/// start no word.
 fn outside_comments(text: &[u8]) -> Vec<u8> {
     let mut plain = Vec::new();
     let mut end = None;
@@ -220,8 +219,8 @@ fn outside_comments(text: &[u8]) -> Vec<u8> {
     plain
 }
 
-/// Whether a line whose words could not be read may set what coordinates refer to: by the number of a G code,
-/// or because the number is computed.
+/// Whether a line whose words could not be read may change the reference of coordinates: by the number of a G
+/// code, or by a computed number.
 fn names_frame(plain: &[u8]) -> bool {
     plain.split(|byte| *byte == b'G').skip(1).any(|after| {
         let digits = after
@@ -241,7 +240,7 @@ fn code_of(word: &Word) -> Option<GCode> {
     GCode::from_tenths((10.0 * word.value + 0.5) as u32)
 }
 
-/// Whether the words of the refused line could be read. Otherwise some may be missing.
+/// Whether the words of the rejected line could be read. Otherwise some may be missing.
 fn is_of_words(code: Code) -> bool {
     code.as_str() >= Code::UnknownG.as_str()
 }

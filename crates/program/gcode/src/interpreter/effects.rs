@@ -1,5 +1,4 @@
-//! Effects of a line other than motion: parameters, comments, calls, saved modes; and the answers of the
-//! machine.
+//! Effects of a line other than motion: parameters, comments, calls, saved modes; and replies of the machine.
 
 use std::io::BufRead;
 
@@ -20,8 +19,8 @@ use crate::{Action, Code, Command, LogAction};
 
 impl<R: BufRead> Interpreter<R> {
     /// Reports the value of an input (M66). Call it after [`Action::WaitInput`] has been executed, before the
-    /// next command is requested. The value becomes #5399; otherwise that is -1, as after a timeout. Values
-    /// that are not finite count as -1.
+    /// next command is requested. The value becomes #5399; without a call #5399 is -1, as after a timeout.
+    /// Values that are not finite count as -1.
     pub fn answer_input(&mut self, value: f64) {
         let value = if value.is_finite() { value } else { -1.0 };
         self.parameters.set_numbered(INPUT_RESULT, value);
@@ -31,8 +30,8 @@ impl<R: BufRead> Interpreter<R> {
     /// Reports the result of a probing move. Call it after [`Action::Probe`] has been executed, before the
     /// next command is requested. `contact` is the position at which the probe tripped, in machine
     /// coordinates (mm, degrees), and `stands_at` the stop position; without contact both are equal. The
-    /// contact in program coordinates and units becomes #5061 to #5069, and whether there was one #5070.
-    /// Returns false, without effect, if one of them is not a valid position.
+    /// contact in program coordinates and units becomes #5061 to #5069, and `tripped` becomes #5070. Returns
+    /// false, without effect, if one of them is not a valid position.
     pub fn answer_probe(&mut self, contact: &Axes, stands_at: &Axes, tripped: bool) -> bool {
         let mut both = contact.iter().chain(stands_at.iter());
         if !both.all(|value| value.abs() <= MAX_COORDINATE) {

@@ -15,10 +15,10 @@ const MAX_ERRORS: usize = 1000;
 /// them. About 50 ms.
 pub(super) const MAX_REPEATED_ERRORS: u32 = 10_000;
 
-/// The errors so far, by which a further one is reported or not.
+/// The errors so far, which decide whether a further one is reported.
 #[derive(Default)]
 pub(super) struct ErrorHistory {
-    /// What refused lines have left unknown.
+    /// State that rejected lines have left unknown.
     pub(super) doubt: Doubt,
     /// Number of repeated errors.
     pub(super) repeated: u32,
@@ -28,21 +28,21 @@ pub(super) struct ErrorHistory {
     returns: BTreeSet<Option<Shared<str>>>,
 }
 
-/// What becomes of an error.
+/// The treatment of an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Report {
     /// It is reported.
     New,
     /// It is reported, and the program is abandoned.
     Last,
-    /// It follows from an earlier one, or is one again.
+    /// It follows from an earlier one, or repeats one.
     Skipped,
-    /// Likewise, and errors have been repeated too often: the program is abandoned.
+    /// As `Skipped`, and errors have been repeated too often: the program is abandoned.
     TooOften,
 }
 
 impl ErrorHistory {
-    /// No errors, and what is unknown before the first line.
+    /// No errors so far; `doubt` is the state that is unknown before the first line.
     pub(super) fn beginning_with(doubt: Doubt) -> Self {
         Self {
             doubt,
@@ -50,7 +50,7 @@ impl ErrorHistory {
         }
     }
 
-    /// Records an error of a line. `is_finished` says that the program has ended with it anyway.
+    /// Records an error of a line. `is_finished` is true if the program has ended with it anyway.
     pub(super) fn record(
         &mut self,
         diagnostic: &Diagnostic,

@@ -56,7 +56,7 @@ impl<R: BufRead> Interpreter<R> {
             self.take_corner()?;
         }
         if self.current.block.words.is_empty() {
-            // Parameters and comments alone give no command.
+            // Parameters and comments alone produce no command.
             self.assign()?;
             self.warn_of_assignments();
             let number = self.shown_line();

@@ -56,8 +56,8 @@ const INTERRUPT_LINES: u64 = 1024;
 /// for loops and subroutines, by [`ProgramLimits::max_body_bytes`].
 ///
 /// After an error the iterator continues with the next line; the modal state is that before the faulty line.
-/// So one pass finds many errors; those that are likely to follow from an earlier one alone are not reported,
-/// such as an arc behind a refused move. A consumer that moves a machine stops at the first. The iterator
+/// So one pass finds many errors. Errors that likely follow from an earlier one alone are not reported, such
+/// as an arc after a rejected move. A consumer that moves a machine stops at the first error. The iterator
 /// ends after [`Action::ProgramEnd`], or after a read error.
 ///
 /// ```
@@ -85,7 +85,7 @@ pub struct Interpreter<R> {
     errors: ErrorHistory,
     /// Outputs as set by the lines before a restart, by kind and number.
     pub(crate) outputs_left: BTreeMap<(bool, u32), Action>,
-    /// A thread that the lines before a restart have begun; none once the first command has come.
+    /// A thread that the lines before a restart have begun; `None` after the first command.
     pub(crate) thread_before: Option<ThreadBefore>,
     /// The tool whose change has just started.
     pub(crate) begun_change: Option<u32>,
@@ -181,16 +181,16 @@ impl<R: BufRead> Interpreter<R> {
         self.interrupt = Some(flag);
     }
 
-    /// The axes along which the line read last may leave the travel only because lines with errors before it
-    /// had no effect, or because no line so far says where an axis of [`Settings::unknown`] is.
+    /// The axes along which the line read last may leave the travel only because earlier lines with errors
+    /// had no effect, or because no line so far defines the position of an axis of [`Settings::unknown`].
     #[must_use]
     pub fn doubtful_axes(&self) -> [bool; AXES] {
         let is_rotated = self.state.rotation[0] != 0.0;
         self.errors.doubt.of_travel(&self.current.text, is_rotated)
     }
 
-    /// The F word in force after the lines read so far and the feed that it means for linear axes, mm/s; none
-    /// without G94.
+    /// The active F word after the lines read so far, and its feed for linear axes, mm/s; `None` except in
+    /// G94.
     #[must_use]
     pub fn feed_per_minute(&self) -> Option<(f64, f64)> {
         match self.state.modes.feed? {
@@ -251,8 +251,8 @@ impl<R: BufRead> Interpreter<R> {
         self.state.ended
     }
 
-    /// Executes a line and discards its commands. The line number of a probing move among them, whose result
-    /// is unknown.
+    /// Executes a line and discards its commands. Returns the line number of a probing move among them, whose
+    /// result is unknown.
     pub(crate) fn step_silently(&mut self) -> Result<Option<u32>, Box<Diagnostic>> {
         let mut probed = None;
         self.advance()?;
@@ -298,7 +298,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Executes another statement on a state of its own.
+    /// Executes another statement on its own state.
     pub(crate) fn executor<'a>(
         &'a mut self,
         statement: &'a Statement,
@@ -535,7 +535,7 @@ impl<R: BufRead> Iterator for Interpreter<R> {
             }
             if let Err(diagnostic) = self.advance() {
                 let is_assumed = self.is_assumed(&diagnostic);
-                // The program goes on as where it does not abort.
+                // The program continues as if it were not aborted.
                 self.finished &= !(is_assumed && diagnostic.code == Code::ActiveComment);
                 let report = self
                     .errors

@@ -21,7 +21,7 @@ pub struct Modal {
     pub work_system: u32,
     /// Work zero, including G92, in machine coordinates, mm and degrees, without the rotation of the system.
     pub work_offset: Axes,
-    /// The part of it that is of G92.
+    /// The contribution of G92 to it.
     pub g92_offset: Axes,
     /// Rotation of X and Y of the system (G10 L2 R), degrees.
     pub rotation_deg: f64,
@@ -34,7 +34,7 @@ pub struct Modal {
     /// Speed of spindle 0 in revolutions per minute, negative counter-clockwise; 0 if it is stopped or
     /// follows a surface speed.
     pub spindle_rpm: f64,
-    /// The spindle that threads and cycles without `$` are of.
+    /// The spindle of threads and cycles without `$`.
     pub active_spindle: u32,
     /// Mist coolant is on.
     pub mist: bool,
@@ -43,7 +43,7 @@ pub struct Modal {
 }
 
 impl Modal {
-    /// A position of the machine in work coordinates: mm and degrees.
+    /// Converts a position of the machine to work coordinates, mm and degrees.
     #[must_use]
     pub fn work_position(&self, machine: Axes) -> Axes {
         if self.rotation_deg == 0.0 {
@@ -145,7 +145,7 @@ mod tests {
         let root = 3.0_f64.sqrt();
         let work = modal.work_position(machine(5.0 + 5.0 * root - 2.0, 6.0 + 5.0 + 2.0 * root));
         assert!((work - machine(10.0, 4.0)).amax() < 1e-12, "{work}");
-        // G92 X1 at (10, 4) calls it (1, 4).
+        // G92 X1 at (10, 4) makes it (1, 4).
         let modal = after("G10 L2 P1 X5 Y6 R30\nG0 X10 Y4\nG92 X1\n\n");
         let work = modal.work_position(machine(5.0 + 5.0 * root - 2.0, 6.0 + 5.0 + 2.0 * root));
         assert!((work - machine(1.0, 4.0)).amax() < 1e-12, "{work}");
@@ -168,7 +168,7 @@ mod tests {
     #[test]
     fn offsets_are_in_millimetres_and_machine_coordinates() {
         let modal = after("G21 G10 L2 P1 X10 Y-5\nG92 X3\nG43.1 Z7\n\n");
-        // The machine is at zero, which G92 sets to 3 where it was -10 before.
+        // The machine is at zero, where G92 sets 3 instead of -10.
         assert_eq!(modal.work_offset.as_slice()[..3], [-3.0, -5.0, 0.0]);
         assert_eq!(modal.tool_offset[2], 7.0);
         assert!(modal.codes.contains(&430));

@@ -1,5 +1,5 @@
-//! Where the next line comes from: the stream, stored lines of loops, or a subroutine; and what happens where
-//! they end.
+//! Reads the next line from the stream, from stored lines of loops, or from a subroutine, and processes the
+//! end of each.
 
 use std::io::BufRead;
 
@@ -50,7 +50,7 @@ impl<R: BufRead> Interpreter<R> {
         let read = self.reader.read_into(&mut self.current.text)?;
         self.current.number = self.reader.line();
         if !read && line_before != self.current.number {
-            // That of a subroutine, which has ended.
+            // The line of a subroutine, which has ended.
             self.current.text.clear();
         }
         if read && recording {

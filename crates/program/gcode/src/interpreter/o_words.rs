@@ -25,10 +25,10 @@ pub(crate) struct Frame {
     /// Next line in `lines`, or on the tape.
     pub(crate) at: usize,
     pub(crate) open: Vec<Open>,
-    /// From which of them on, counted from 1, lines depend on an assumed contact; 0 for all lines.
+    /// Index, counted from 1, from which on lines depend on an assumed contact; 0 for all lines.
     pub(crate) assumed_from: Option<usize>,
-    /// From which of them on, counted likewise, lines come after an exit that was skipped because of an
-    /// assumed contact.
+    /// Index, counted likewise, from which on lines follow an exit that was skipped because of an assumed
+    /// contact.
     pub(crate) exit_from: Option<usize>,
     /// The subroutine, and its first line.
     pub(crate) name: NameId,
@@ -85,7 +85,7 @@ impl Open {
         !matches!(self, Self::If { .. })
     }
 
-    /// Index of the line with which a loop begins, among the lines of its frame.
+    /// Index of the line with which a loop starts, among the lines of its frame.
     pub(crate) fn loop_start(self) -> Option<usize> {
         match self {
             Self::If { .. } => None,
@@ -100,9 +100,10 @@ impl Open {
 pub(crate) enum Skip {
     /// The next branch or the end of a condition.
     Branch(NameId),
-    /// The end of a finished loop, and the line with which the loop begins.
+    /// The end of a finished loop, and the line with which the loop starts.
     End(NameId, Keyword, u32),
-    /// The end of a loop that goes on: its `endwhile`, `endrepeat` or, of a `do`, `while`, which is executed.
+    /// The end of a loop that continues: its `endwhile`, `endrepeat` or, for a `do`, `while`, which is
+    /// executed.
     Next(NameId, Keyword),
 }
 
@@ -249,7 +250,7 @@ impl<R: BufRead> Interpreter<R> {
     fn end_sub(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
         let is_active = self.flow.frames.len() > 1 && self.frame().name == name;
         if !is_active && self.flow.refused_subs.contains(&name) {
-            // Its beginning was refused, and that is the mistake.
+            // Its start was rejected, and that is the mistake.
             return Ok(());
         }
         if self.flow.frames.len() == 1 {
@@ -278,7 +279,7 @@ impl<R: BufRead> Interpreter<R> {
         let taken = match condition {
             Ok(taken) => taken,
             Err(fault) => {
-                // So that one mistake is one error.
+                // Keeps one mistake from causing a second error.
                 self.frame().open.push(open(true));
                 self.skip(Skip::Branch(name), assumed);
                 return Err(fault);
@@ -341,12 +342,12 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// From here on lines are skipped; `assumed` if this depends on an assumed contact.
+    /// Skips the following lines; `assumed` if this depends on an assumed contact.
     fn skip(&mut self, skip: Skip, assumed: bool) {
         (self.flow.skip, self.flow.skips_assumed) = (Some(skip), assumed);
     }
 
-    /// The body of the loop that begins on the present line is skipped.
+    /// Skips the body of the loop that starts on the present line.
     fn skip_loop(&mut self, name: NameId, end: Keyword) {
         let assumed = self.reads_assumed();
         self.skip(Skip::End(name, end, self.current.number), assumed);

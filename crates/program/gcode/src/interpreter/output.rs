@@ -7,7 +7,7 @@ use crate::execution::compensation::Changed;
 use crate::execution::contour_watch::ContourWatch;
 use crate::interpreter::surface_feed::SurfaceFeed;
 
-/// The way of commands from a line to the consumer.
+/// The queue of commands from a line to the consumer.
 #[derive(Default)]
 pub(crate) struct Output {
     /// Commands of the last line that have not been requested yet.

@@ -1,7 +1,7 @@
-//! O-words that belong together, such as sub and endsub, and those that do not: one error for each mistake.
+//! Matching of O-words, such as sub and endsub: one error for each mistake.
 //!
-//! An end with the wrong name is either the end that was meant, or a line too many. Which one it is, the
-//! lines after it tell: they are read ahead, which costs memory only where there is such an error.
+//! An end with the wrong name is either the intended end, or an extra line. The lines after it decide: they
+//! are read ahead, which costs memory only if there is such an error.
 
 use std::io::BufRead;
 
@@ -14,7 +14,7 @@ use crate::syntax::lines::Lines;
 use crate::syntax::parser::{is_percent, o_word};
 use crate::{Action, Code};
 
-/// A block that is open: what begins it, where, and what ends it.
+/// An open block: its first keyword, its line, and the keyword that ends it.
 struct OpenBlock {
     name: NameId,
     begin: Keyword,
@@ -37,7 +37,7 @@ impl Open {
     }
 }
 
-/// The keyword that ends what another begins.
+/// The keyword that ends a block.
 fn end_of(begin: Keyword) -> Keyword {
     match begin {
         Keyword::If => Keyword::EndIf,
@@ -53,7 +53,7 @@ impl<R: BufRead> Interpreter<R> {
         self.flow.labels.name(name).unwrap_or_default().to_owned()
     }
 
-    /// The line with which a condition or loop of the present frame begins.
+    /// The line with which a condition or loop of the present frame starts.
     pub(crate) fn line_of(&self, open: Open) -> u32 {
         self.line_in_frame(self.flow.frames.len() - 1, open)
     }
@@ -78,12 +78,12 @@ impl<R: BufRead> Interpreter<R> {
         let lines = frame.lines.as_deref()?;
         match frame.first.checked_sub(1) {
             Some(place) => lines.get(place).map(|(_, line)| line),
-            // Those of a program are stored without it.
+            // The lines of a program are stored without it.
             None => lines.get(0).map(|(_, line)| line.saturating_sub(1)),
         }
     }
 
-    /// Whether the present line is one of a subroutine, not of a whole file or program that was called.
+    /// Whether the present line is in a subroutine, not in a called file or program as a whole.
     pub(crate) fn is_in_subroutine(&self) -> bool {
         self.flow.frames.len() > 1
             && self.flow.frames.last().is_some_and(|frame| {
@@ -92,7 +92,7 @@ impl<R: BufRead> Interpreter<R> {
             })
     }
 
-    /// The line farther down that ends what has begun with this name, before another begins so.
+    /// The later line that ends the block with this name, before another such block starts.
     fn line_of_end(&mut self, name: NameId, begin: Keyword, end: Keyword) -> Option<u32> {
         self.line_of_end_in_frame(self.flow.frames.len() - 1, name, begin, end)
     }
@@ -141,7 +141,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// An endsub with another name than that of the subroutine that is being collected.
+    /// Handles an endsub whose name differs from that of the subroutine that is being collected.
     pub(crate) fn wrong_end_of_definition(&mut self, word: &OWord) -> Result<(), Fault> {
         let Some(Definition { name, text, line, .. }) = &self.flow.definition else {
             return Ok(());
@@ -160,7 +160,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// An endsub with another name than that of the active subroutine.
+    /// Handles an endsub whose name differs from that of the active subroutine.
     pub(crate) fn wrong_end_of_active(&mut self, word: &OWord) -> Fault {
         let name = self.frame().name;
         let (text, line) = (self.name_of(name), self.line_of_sub());
@@ -171,7 +171,7 @@ impl<R: BufRead> Interpreter<R> {
         fault
     }
 
-    /// The error of an endsub with the wrong name, and whether it is the end that was meant.
+    /// The error of an endsub with the wrong name, and whether it is the intended end.
     fn wrong_end(&mut self, word: &OWord, name: NameId, text: &str, begun: Option<u32>) -> (Fault, bool) {
         let other = word.name.as_str();
         let of_line = begun.map_or_else(String::new, |line| format!(" of line {line}"));
@@ -198,7 +198,7 @@ impl<R: BufRead> Interpreter<R> {
         name.is_some_and(|name| self.flow.refused_subs.contains(&name))
     }
 
-    /// A sub among the lines of a subroutine that is being collected.
+    /// Handles a sub among the lines of a subroutine that is being collected.
     pub(crate) fn sub_in_definition(&mut self, word: &OWord) -> Result<(), Fault> {
         let Some(Definition { name, text, line, .. }) = &self.flow.definition else {
             return Ok(());
@@ -212,7 +212,7 @@ impl<R: BufRead> Interpreter<R> {
             }
             return Err(nested(word, &text, Some(line)));
         }
-        // The end of the outer one was forgotten: this one is as it should be.
+        // The end of the outer subroutine was forgotten; this one is correct.
         let file = (self.flow.definition.as_ref()).and_then(|outer| outer.lines.file.clone());
         self.end_definition();
         self.refuse_sub(outer);
@@ -225,7 +225,7 @@ impl<R: BufRead> Interpreter<R> {
         Err(unended(word, &text, Some(line)))
     }
 
-    /// A sub among the lines of the active subroutine.
+    /// Handles a sub among the lines of the active subroutine.
     pub(crate) fn nested_sub(&mut self, word: &OWord, name: NameId) -> Fault {
         let outer = self.frame().name;
         let (text, line) = (self.name_of(outer), self.line_of_sub());
@@ -246,7 +246,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// The error of an O-word that ends a condition or loop which is not the innermost open one.
+    /// The error of an O-word that ends a condition or loop other than the innermost open one.
     pub(crate) fn end_without_begin(&mut self, word: &OWord) -> Fault {
         let begin = match word.keyword {
             Keyword::EndIf => Keyword::If,
@@ -268,7 +268,7 @@ impl<R: BufRead> Interpreter<R> {
             begin.name(),
             self.line_of(open)
         );
-        // It ends here, so that the end of the text is no error as well.
+        // It ends here, so that the end of the text is not a second error.
         self.frame().open.pop();
         Fault::new(Code::OWordOrder, word.span, message).help("write the same name or number at both")
     }
@@ -294,7 +294,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Warns of a condition or loop around the end of a subroutine. It is valid too, but nothing can end it
+    /// Warns of a condition or loop around the end of a subroutine. It is valid too, but no line can end it
     /// any more.
     pub(crate) fn warn_of_open_at_endsub(&mut self) {
         if let Some(open) = self.frame().open.last().copied() {
@@ -303,7 +303,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// The warning of a condition or loop that has no end.
+    /// The warning for a condition or loop without an end.
     fn open_at(&self, what_ends: &str, frame: usize, open: Open) -> String {
         let (name, begin, end) = (self.name_of(open.name()), open.begin().name(), open.end().name());
         let lines = self.flow.frames.get(frame).and_then(|frame| frame.lines.as_ref());
@@ -321,7 +321,7 @@ impl<R: BufRead> Interpreter<R> {
         )
     }
 
-    /// Nothing may follow the end of a program.
+    /// Outputs a warning before the end of the program, because nothing may follow that.
     fn warn_before_end(&mut self, text: String) {
         self.warn(text);
         let pending = &mut self.output.pending;
@@ -334,7 +334,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// The innermost block that is open at the end of a frame.
+    /// The innermost open block at the end of a frame.
     fn open_block(&mut self) -> Option<OpenBlock> {
         if let Some(Skip::End(name, end, line)) = self.flow.skip {
             let begin = match end {
@@ -418,7 +418,7 @@ impl<R: BufRead> Interpreter<R> {
         Some(self.at_end(message, help))
     }
 
-    /// Where a block begins. The lines of a block of MDI begin with some that nobody has written.
+    /// Description of a block's start. An MDI block starts with lines that the user has not written.
     fn place_of_begin(&self, line: u32) -> String {
         if self.settings.is_block && self.flow.frames.len() == 1 {
             "this block, and MDI executes one line".to_owned()
@@ -431,7 +431,7 @@ impl<R: BufRead> Interpreter<R> {
     fn at_end(&mut self, message: String, help: String) -> Fault {
         let frame = self.flow.frames.last().and_then(|frame| frame.lines.as_deref());
         let collected = self.flow.definition.as_ref().map(|definition| &definition.lines);
-        // Where none is stored, the line read last is still there.
+        // If no line is stored, the line read last is still available.
         let lines = frame.or(collected).unwrap_or(&self.flow.tape);
         let last = (0..lines.len()).rev().filter_map(|place| lines.get(place));
         if let Some((text, line)) = last.into_iter().find(|(text, _)| !text.is_empty()) {

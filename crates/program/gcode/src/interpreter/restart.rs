@@ -13,8 +13,8 @@ use crate::{
     Action, CallChain, Code, Command, Diagnostic, Move, MoveKind, PathMode, SPINDLES, SpindleDirection,
 };
 
-/// The state that the lines before a restart have left. The user has to see it before anything moves: the
-/// machine is first brought to `position` and into this state.
+/// The state after the lines before a restart. The user has to see it before any motion: the machine is first
+/// brought to `position` and into this state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Restart {
     /// The line that is executed first; later than requested if that line is inside a subroutine.
@@ -22,20 +22,21 @@ pub struct Restart {
     /// The tool position assumed by the program, in machine coordinates (mm, degrees). The first move starts
     /// there.
     pub position: Axes,
-    /// What has to be switched or changed, in this order: tool, spindle, coolant, outputs.
+    /// Required actions, in this order: tool, spindle, coolant, outputs.
     pub actions: Vec<Action>,
     /// The active modes for display: `G1 G17 G21 G90 G94 G54 G64 F1000 S500 M3 T2 M8`.
     pub modes: String,
     /// The active feed, mm/s; `None` if there is none or it belongs to single moves (G93).
     pub feed_mm_s: Option<f64>,
-    /// The active F word as written, and whether in inches: a later G20 or G21 does not change the speed.
+    /// The active F word as written, and whether it is in inches: a later G20 or G21 does not change the
+    /// speed.
     pub feed_word: Option<(f64, bool)>,
 }
 
-/// The approach to the restart position, and what is switched there.
+/// The approach to the restart position, and its actions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Approach {
-    /// Tool, then spindle and coolant, then the moves, each of which ends at rest.
+    /// Commands: the tool, then spindle and coolant, then moves, each of which ends at rest.
     pub commands: Vec<Command>,
     /// The moves for display, one per line: `Z to 100.000, rapid`.
     pub told: Vec<String>,
@@ -131,23 +132,23 @@ impl Restart {
 }
 
 impl<R: BufRead> Interpreter<R> {
-    /// Interprets all lines before `line` without output, and returns the state they leave; the next command
+    /// Interprets all lines before `line` without output, and returns the resulting state; the next command
     /// is that of `line`. Loops and subroutines before it are executed. Call it before the first command is
     /// requested. It takes as long as interpreting the lines before, and allocates only the result.
     ///
     /// # Errors
     /// The first error of the lines before; [`Code::TooManySteps`] if they loop without end;
     /// [`Code::RestartRefused`] if the program ends before the line, the line is inside cutter compensation
-    /// or a NURBS, or a probing move comes before it: offsets and positions may depend on a contact that
-    /// nobody knows. A line that continues a thread is no error here, but the first command is
+    /// or a NURBS, or a probing move comes before it: offsets and positions may depend on an unknown contact.
+    /// A line that continues a thread is no error here, but the first command is
     /// ([`Interpreter::begins_behind_thread`]).
     pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
         let tool = self.state().tool;
         let mut executed = 0_u64;
         let mut has_probed = false;
         let waits_succeed = std::mem::replace(&mut self.settings.waits_succeed, true);
-        // Tools were changed, and measured, by an earlier run; the tool table has their lengths and pockets.
-        // An MDI block changes one.
+        // An earlier run has changed and measured the tools, and the tool table contains their lengths and
+        // pockets, so the tool-change subroutine is not executed. In an MDI block it is.
         let changer = (self.settings.features.tool_change).take_if(|_| !self.settings.is_block);
         while self.next_of_program() < line || self.is_inside() {
             executed += 1;
@@ -162,7 +163,7 @@ impl<R: BufRead> Interpreter<R> {
             let probed = match self.step_silently() {
                 Ok(probed) => probed,
                 // A probing move of this block has no result here, so the (ABORT) may follow from an earlier
-                // one: the check decides.
+                // result; the check of the block decides about it.
                 Err(diagnostic)
                     if self.settings.is_block && has_probed && diagnostic.code == Code::ActiveComment =>
                 {
@@ -215,7 +216,7 @@ impl<R: BufRead> Interpreter<R> {
         if state.tool != tool {
             actions.push(Action::ChangeTool(state.tool));
         }
-        // What was on before the program and is off now is switched off.
+        // Switches off what was on before the program and is off now.
         let before = self.settings.outputs;
         for (number, spindle) in state.modes.spindles.iter().enumerate() {
             if spindle.turns() || before.spindles[number].turns() {
@@ -243,7 +244,7 @@ impl<R: BufRead> Interpreter<R> {
         })
     }
 
-    /// The error of a line that is not reached from above: only a call executes it, with its arguments.
+    /// The error of a line that only a call executes, with its arguments.
     fn inside_subroutine(&mut self, line: u32) -> Option<Diagnostic> {
         let definition = self.flow.definition.as_ref()?;
         let (name, begin) = (definition.text.clone(), definition.line);
@@ -260,7 +261,7 @@ impl<R: BufRead> Interpreter<R> {
         Some(fault.locate(self.current.number, &self.current.text))
     }
 
-    /// The error is one of the line at which the program is to start, which has not been read yet.
+    /// Sets the line of the error to the start line of the restart, which has not been read yet.
     fn quote_next_line(&mut self) {
         let before = (self.current.number, self.current.text.clone());
         if !matches!(self.next_line(), Ok(true)) {
@@ -308,7 +309,7 @@ impl<R: BufRead> Interpreter<R> {
             .locate(self.current.number, &self.current.text)
     }
 
-    /// The error of a block that leaves something open, which the next block would have to end.
+    /// The error of a block that leaves something open for the next block to end.
     fn reject_block(&self, message: &str, help: &'static str) -> Diagnostic {
         Fault::new(
             Code::RestartRefused,
@@ -319,15 +320,15 @@ impl<R: BufRead> Interpreter<R> {
         .locate(self.current.number, &self.current.text)
     }
 
-    /// Whether the lines before a restart end with a piece of a thread. Then the first command is an error
-    /// ([`Code::RestartRefused`]) if it is another piece of it.
+    /// Whether the lines before a restart end with a section of a thread. The first command is then an error
+    /// ([`Code::RestartRefused`]) if it is another section of it.
     #[must_use]
     pub fn begins_behind_thread(&self) -> bool {
         self.thread_before.is_some_and(|thread| thread.is_open())
     }
 
-    /// A further piece of a thread continues at the spindle angle at which the piece before ended; alone it
-    /// would begin at another angle.
+    /// A further section of a thread continues at the spindle angle at which the previous section ended;
+    /// alone it would start at another angle.
     pub(crate) fn inside_thread(&self, first: u32) -> Diagnostic {
         let line = self.current.number;
         self.reject_here(format!(
@@ -376,7 +377,7 @@ impl State {
         Some((feed.word(), !feed.is_metric()))
     }
 
-    /// The spindles as codes: that of number 0, and others that turn.
+    /// The spindles as codes: spindle 0, and others that rotate.
     fn shown_spindles(&self) -> Vec<String> {
         let mut words = Vec::new();
         for (number, spindle) in self.modes.spindles.iter().enumerate() {
@@ -474,7 +475,7 @@ impl State {
                 _ => format!("F{word}"),
             });
         }
-        // From S on the state of the periphery.
+        // From S on, the state of the periphery.
         words.extend(self.shown_spindles());
         words.push(format!("T{}", self.tool));
         for (on, code) in [(modes.mist, "M7"), (modes.flood, "M8")] {

@@ -10,9 +10,9 @@ use crate::{Action, Command, SPINDLES};
 const MAX_SPEED_RATIO: f64 = 1.01;
 /// Minimum length of a piece, mm: near the centre the surface speed would need an unlimited number.
 const MIN_PIECE_MM: f64 = 0.005;
-/// A piece is shorter than it could be by at most this fraction, so a few bisections find its end.
+/// A piece is shorter than necessary by at most this fraction, so a few bisections find its end.
 const END_FRACTION: f64 = 0.05;
-/// Bisections for the place where the maximum speed is reached: the rest is 1e-12 of the move.
+/// Bisections for the position at which the maximum speed is reached: accurate to 1e-12 of the move.
 const MAX_BISECTIONS: u32 = 40;
 /// A speed is the maximum up to rounding.
 const AT_MAX: f64 = 1.0 - 1e-9;
@@ -39,7 +39,7 @@ impl SurfaceFeed {
         }
     }
 
-    /// The speed of the spindle that the feed of a command goes by, if it follows the radius.
+    /// The spindle speed that determines the feed of a command, if it follows the radius.
     fn speed_of(&self, command: &Command) -> Option<SpindleSpeed> {
         self.speeds.get(command.feed_spindle as usize).copied().flatten()
     }
@@ -92,8 +92,8 @@ impl SurfaceFeed {
     }
 }
 
-/// Where the piece that begins at `done_mm` ends, and the spindle speed that its feed is for. It ends where
-/// the maximum speed is reached or left, so that the feed is exact where the speed is constant.
+/// End of the piece that starts at `done_mm`, and the spindle speed for its feed. It ends where the maximum
+/// speed is reached or left, so that the feed is exact where the speed is constant.
 fn next_piece(speed: &SpindleSpeed, curve: &Curve, done_mm: f64, length_mm: f64) -> (f64, f64) {
     let max_rpm = speed.max_rpm();
     let range = |end_mm: f64| range_rpm(speed, curve, done_mm, end_mm);
@@ -110,12 +110,12 @@ fn next_piece(speed: &SpindleSpeed, curve: &Curve, done_mm: f64, length_mm: f64)
     }
     if is_divisible && !is_even(range(end_mm)) && end_mm - done_mm > 2.0 * MIN_PIECE_MM {
         let (even_mm, _) = bisect(done_mm, end_mm, END_FRACTION, |at_mm| is_even(range(at_mm)));
-        // Nothing that is too short is left over.
+        // Leaves no remainder that is too short.
         end_mm = even_mm.clamp(done_mm + MIN_PIECE_MM, end_mm - MIN_PIECE_MM);
     }
     let (slow, fast) = range(end_mm);
-    // An indivisible move has the feed of its slowest point, so that no chip is thicker than programmed. So
-    // has a piece at the maximum.
+    // An indivisible move has the feed of its slowest point, so that no chip is thicker than programmed. The
+    // same holds for a piece at the maximum.
     let rpm = if is_even((slow, fast)) && slow < AT_MAX * max_rpm {
         (slow * fast).sqrt()
     } else {
@@ -124,8 +124,9 @@ fn next_piece(speed: &SpindleSpeed, curve: &Curve, done_mm: f64, length_mm: f64)
     (end_mm, rpm)
 }
 
-/// Where a property that holds at first is lost before `high_mm`: a place where it holds and one where it
-/// does not. They are apart by at most `fraction` of the first one's distance from `from_mm`, or by rounding.
+/// The position before `high_mm` at which a property that holds at first is lost: one position at which it
+/// holds and one at which it does not. Their distance is at most `fraction` of that of the first from
+/// `from_mm`, or rounding.
 fn bisect(from_mm: f64, high_mm: f64, fraction: f64, holds: impl Fn(f64) -> bool) -> (f64, f64) {
     let (mut low_mm, mut high_mm) = (from_mm, high_mm);
     for _ in 0..MAX_BISECTIONS {

@@ -1,8 +1,8 @@
-//! What depends on the assumed result of a probing move: parameters, the position, offsets, branches.
+//! Values that depend on the assumed result of a probing move: parameters, the position, offsets, branches.
 //!
 //! A check has no machine, so it assumes that every probing move makes contact at its end. An error that
-//! follows from the assumption is no error of the program. Each value is traced by line: all parameters that
-//! a line sets depend on the result if the line reads one that does, or if it is in a branch that does.
+//! follows from the assumption is not an error of the program. Values are traced by lines: all parameters
+//! that a line sets depend on the result if the line reads one that does, or if it is in a branch that does.
 
 use std::cell::Cell;
 use std::collections::BTreeSet;
@@ -23,14 +23,14 @@ struct Dependents {
     named: BTreeSet<NameId>,
 }
 
-/// What depends on the assumed results.
+/// Values that depend on the assumed results.
 #[derive(Debug, Default)]
 pub(crate) struct Assumption {
     /// Parameters #31 and up, global names.
     global: Dependents,
-    /// Those of the active subroutine.
+    /// Parameters of the active subroutine.
     local: Dependents,
-    /// Those of the calling subroutines.
+    /// Parameters of the calling subroutines.
     outer: Vec<Dependents>,
     /// The value that the last subroutine returned.
     returned: bool,
@@ -38,11 +38,11 @@ pub(crate) struct Assumption {
     is_read: Cell<bool>,
     /// Whether the present line is in a branch that depends on the result.
     pub(crate) is_in_branch: bool,
-    /// Whether any condition so far has depended on it: which lines are executed is not certain since then.
+    /// Whether any condition so far depended on it: from then on it is uncertain which lines are executed.
     pub(crate) has_branched: bool,
-    /// Places of M2 and M30, file and line, that were passed by because they depend on the result.
+    /// File and line of each M2 and M30 that was skipped because it depends on the result.
     pub(crate) passed_ends: BTreeSet<(Option<Arc<str>>, u32)>,
-    /// How often that was so again: a loop ends with them after a while.
+    /// Number of further times that one was skipped: a maximum ends loops.
     pub(crate) passed_again: u32,
     /// The position along each axis.
     pub(crate) position: [bool; AXES],
@@ -50,7 +50,7 @@ pub(crate) struct Assumption {
     pub(crate) home: bool,
     /// Work offset, G92 or tool length along each axis.
     pub(crate) offset: [bool; AXES],
-    /// The positions that the present line leads to.
+    /// The target of the present line along each axis.
     pub(crate) target: [bool; AXES],
 }
 
@@ -64,7 +64,7 @@ impl Assumption {
         self.is_read.get()
     }
 
-    /// Whether what the present line does depends on the result.
+    /// Whether the effect of the present line depends on the result.
     pub(crate) fn has_line(&self) -> bool {
         self.is_read() || self.is_in_branch
     }
@@ -110,7 +110,7 @@ impl Assumption {
         };
         mark(&mut dependents.numbered, index, depends);
         if depends && (G92..TOOL_DIAMETER).contains(&index) {
-            // Offsets that a program writes without G10.
+            // Offsets that a program sets without G10.
             self.offset = [true; AXES];
         }
     }

@@ -1,5 +1,5 @@
-//! Reads of numbers that are system variables of macro programs of other dialects: ordinary parameters here,
-//! 0 if nobody sets them.
+//! Reads of numbers that are system variables in macro programs of other dialects. Here they are ordinary
+//! parameters, 0 unless the program sets them.
 
 use std::cell::Cell;
 use std::collections::BTreeSet;
@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 pub(crate) struct ForeignReads {
     /// Of the present line.
     last: Cell<Option<usize>>,
-    /// Those that have been told, or need not be.
+    /// Those that have been reported, or need no report.
     told: BTreeSet<usize>,
 }
 
@@ -22,7 +22,7 @@ impl ForeignReads {
         }
     }
 
-    /// A parameter that is set here is the program's own, whatever its value.
+    /// A parameter that the program sets is its own, with any value.
     pub(crate) fn set(&mut self, index: usize) {
         if name_here(index).is_some() {
             self.told.insert(index);
@@ -45,7 +45,7 @@ impl ForeignReads {
     }
 }
 
-/// What a system variable is, and what it is here.
+/// The system variable of other dialects, and its equivalent here.
 fn name_here(index: usize) -> Option<(&'static str, &'static str)> {
     Some(match index {
         3001 | 3002 => ("a clock", "there is none"),

@@ -111,14 +111,14 @@ impl ProgrammedSpeed {
     }
 }
 
-/// What a program has set of one spindle.
+/// The settings of one spindle by the program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SpindleModes {
     pub(crate) direction: SpindleDirection,
     pub(crate) speed: ProgrammedSpeed,
     /// X of the spindle centre that was output last, machine coordinates.
     pub(crate) output_centre_mm: f64,
-    /// M19 has turned it to an angle, which it holds until its next command.
+    /// The angle at which M19 holds it until its next command.
     pub(crate) orientation: Option<SpindleAngle>,
 }
 
@@ -250,7 +250,7 @@ pub(crate) struct State {
     pub(crate) selected_tool: Option<u32>,
     /// Pockets of the tool in the spindle and of the selected one by the tool table in force; -1 for none.
     pub(crate) pockets: ToolPockets,
-    /// The tool-change subroutine is under way.
+    /// The tool-change subroutine is active.
     pub(crate) is_changing_tool: bool,
     pub(crate) sticky: CycleModal,
     /// P and Q of the last G5, mm; the next one may continue its tangent.
@@ -262,7 +262,7 @@ pub(crate) struct State {
     pub(crate) cutter: CutterState,
     /// The last motion was a probing move whose result has not been reported.
     pub(crate) is_probed: bool,
-    /// G99 has been written without a cycle, as lathes of other dialects do for feed per revolution.
+    /// G99 was used without a cycle, as lathes of other dialects do for feed per revolution.
     pub(crate) is_g99_alone: bool,
     /// Whether M2 or M30 has been executed.
     pub(crate) ended: bool,
@@ -430,7 +430,7 @@ impl State {
         if self.turned() {
             return self.turn(program + self.g92) + self.work + self.tool_offset;
         }
-        // In this order sums of offsets are as they were before the tool length was added.
+        // This order gives the same bits as sums without tool length.
         self.work + self.g92 + self.tool_offset + program
     }
 
@@ -495,7 +495,7 @@ impl State {
         self.within_turn(axis, self.position[axis] / self.axis_unit(axis))
     }
 
-    /// A coordinate as programs see it: of an unlimited rotary axis 0 to below 360 degrees.
+    /// A coordinate as programs read it: 0 to below 360 degrees for an unlimited rotary axis.
     fn within_turn(&self, axis: usize, position: f64) -> f64 {
         if self.unlimited[axis] {
             angle_within_turn(position)
@@ -508,7 +508,7 @@ impl State {
     pub(crate) fn system(&self, system: System) -> f64 {
         let truth = |yes: bool| f64::from(u8::from(yes));
         let modes = &self.modes;
-        // Of the spindle that a thread without `$` follows. LinuxCNC has them of spindle 0.
+        // The spindle that a thread without `$` follows. LinuxCNC uses spindle 0.
         let spindle = &modes.spindles[modes.active_spindle];
         match system {
             System::Absolute => truth(!modes.incremental),

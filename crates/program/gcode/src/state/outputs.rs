@@ -63,14 +63,14 @@ impl Outputs {
         true
     }
 
-    /// The spindle of a number; a stopped one of a number that does not exist.
+    /// The spindle with this number; a stopped one if the number does not exist.
     #[must_use]
     pub fn spindle(&self, number: u32) -> SpindleOutput {
         self.spindles.get(number as usize).copied().unwrap_or_default()
     }
 
-    /// Stops every spindle. Constant speeds are kept; a surface speed ends (G97, S0), since a block of MDI
-    /// that follows could not tell it from the revolutions per minute that an operator means by S.
+    /// Stops every spindle. Constant speeds are kept. A surface speed ends (G97, S0), because a following MDI
+    /// block could not distinguish it from the revolutions per minute that an operator means by S.
     pub fn stop_spindles(&mut self) {
         for spindle in &mut self.spindles {
             spindle.direction = SpindleDirection::Stopped;
@@ -103,7 +103,7 @@ impl SpindleOutput {
         self.direction != SpindleDirection::Stopped
     }
 
-    /// The action that commands this of the spindle of a number.
+    /// The action that commands this state of the spindle with this number.
     #[must_use]
     pub fn action(&self, spindle: u32) -> Action {
         let direction = self.direction;

@@ -13,7 +13,7 @@ pub struct Settings {
     pub start: Axes,
     /// The existing axes. A word for any other axis is an error.
     pub axes: [bool; AXES],
-    /// Axes whose position in `start` means nothing, because they are not homed
+    /// Axes whose position in `start` is undefined because they are not homed
     /// ([`crate::Interpreter::doubtful_axes`]).
     pub unknown: [bool; AXES],
     /// Offsets at the start.
@@ -27,16 +27,16 @@ pub struct Settings {
     /// Whether X is a diameter (G7) instead of a radius (G8) at the start of the program.
     pub diameter: bool,
     /// Whether programs read and write the lengths of offsets, of G28 and G30 and of the tool (#5161 to
-    /// #5410) in inches, whatever unit is in force: the unit of a machine of LinuxCNC in inches.
+    /// #5410) in inches, independent of the active unit, as on a LinuxCNC machine in inches.
     /// [`Settings::parameters`] are in mm in any case.
     pub parameters_in_inches: bool,
     /// Whether lines that start with `/` are skipped.
     pub block_delete: bool,
-    /// Whether #5399 of a wait (M66) without an answer is the awaited value; otherwise -1, as after a
+    /// Whether #5399 of a wait (M66) without a reply is the awaited value; otherwise it is -1, as after a
     /// timeout.
     pub waits_succeed: bool,
-    /// Whether a probing move without an answer counts as one with contact at its end, as long as nothing
-    /// knows better. Errors that depend on it are then warnings, and one warning says so.
+    /// Whether a probing move without a reply counts as one with contact at its end. Errors that depend on it
+    /// are then warnings, and one warning states this assumption.
     pub probes_succeed: bool,
     /// Permitted difference of an arc's radii at start and end.
     pub arc: ArcTolerance,
@@ -53,9 +53,9 @@ pub struct Settings {
     pub outputs: Outputs,
     /// Whether the text is an MDI block: without M2 or M30 spindle and coolant keep their state at its end.
     pub is_block: bool,
-    /// What an MDI block begins with.
+    /// The state with which an MDI block starts.
     pub restored: Restored,
-    /// What the machine has.
+    /// Features of the machine.
     pub features: MachineFeatures,
     /// The tool table. Without one, an offset or diameter of any tool but 0 is an error
     /// ([`crate::Code::UnknownTool`]).
@@ -68,12 +68,13 @@ pub struct Settings {
     pub subroutine_folders: Vec<std::path::PathBuf>,
 }
 
-/// The first lines of an MDI block, which bring the modes of the blocks before, and what no line can bring.
+/// The first lines of an MDI block, which restore the modes of earlier blocks, and the state that no line can
+/// restore.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Restored {
-    /// How many lines. They leave `active_spindle` as it is.
+    /// Number of lines. They do not change `active_spindle`.
     pub lines: u32,
-    /// The spindle that threads and cycles without `$` are of.
+    /// The spindle of threads and cycles without `$`.
     pub active_spindle: u32,
 }
 
@@ -88,7 +89,7 @@ pub struct StartOffsets {
     pub g92: Axes,
 }
 
-/// What the machine has, as far as programs depend on it.
+/// Features of the machine on which programs depend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineFeatures {
     /// Whether the machine is a lathe: G82 and G75 are its turning cycles.
@@ -114,7 +115,7 @@ pub struct MachineFeatures {
     pub tool_change: Option<ToolChanger>,
 }
 
-/// How much memory and time a program may take.
+/// Limits of memory and time of a program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProgramLimits {
     /// Maximum length of a line, in bytes.
@@ -142,7 +143,7 @@ pub struct ToolChanger {
 /// The direction in which G90 turns an unlimited rotary axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RotaryWay {
-    /// The shorter way; half a turn in the positive direction.
+    /// The shorter direction; half a turn in the positive direction.
     Shorter,
     /// The sign of the word: without one in the positive direction, with a minus to the absolute value in the
     /// negative direction.
@@ -226,7 +227,7 @@ impl Default for Settings {
 }
 
 impl Default for StartOffsets {
-    /// None.
+    /// No offsets.
     fn default() -> Self {
         Self {
             work: [Axes::zeros(); WORK_OFFSETS],
@@ -268,7 +269,7 @@ impl Default for ProgramLimits {
 }
 
 impl Settings {
-    /// By what a program's value of a numbered parameter is multiplied to be stored.
+    /// Factor that converts the program's value of a numbered parameter to the stored one.
     #[inline]
     pub(crate) fn parameter_mm(&self, index: usize) -> f64 {
         if self.parameters_in_inches && Parameters::is_stored_length(index) {

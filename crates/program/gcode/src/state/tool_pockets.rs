@@ -1,18 +1,18 @@
-//! The pockets that `#<_current_pocket>` and `#<_selected_pocket>` name.
+//! The pockets that `#<_current_pocket>` and `#<_selected_pocket>` return.
 
 use crate::ToolTable;
 
 /// Pockets as programs read them; -1 for none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ToolPockets {
-    /// Of the tool in the spindle.
+    /// Pocket of the tool in the spindle.
     pub(crate) current: f64,
-    /// Of the tool that T has selected and M6 has not yet put into the spindle.
+    /// Pocket of the tool that T has selected and M6 has not put into the spindle yet.
     pub(crate) selected: f64,
 }
 
 impl ToolPockets {
-    /// By a tool table, as LinuxCNC has them: an empty spindle has no pocket, and once a tool is in the
+    /// The pockets by a tool table, as in LinuxCNC: an empty spindle has no pocket, and once a tool is in the
     /// spindle none is selected.
     pub(crate) fn of(tool: u32, selected: Option<u32>, tools: Option<&ToolTable>) -> Self {
         let selected = selected.filter(|selected| *selected != tool);

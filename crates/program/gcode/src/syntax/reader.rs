@@ -30,7 +30,7 @@ impl<R: BufRead> LineReader<R> {
     /// continue after [`Code::LineTooLong`], but not after [`Code::ReadFailed`].
     pub(crate) fn read_into(&mut self, buffer: &mut Vec<u8>) -> Result<bool, Fault> {
         if self.input.fill_buf().is_ok_and(<[u8]>::is_empty) {
-            // The line before stays, for errors of the end.
+            // The previous line is kept for errors at the end.
             return Ok(false);
         }
         buffer.clear();
@@ -51,7 +51,7 @@ impl<R: BufRead> LineReader<R> {
         } else if buffer.ends_with(b"\r") {
             ended = self.skip_returns().map_err(|error| Self::failed(&error))?;
         }
-        // Some transfers put CR before each CR LF.
+        // Some transfers insert CR before each CR LF.
         while ended && buffer.ends_with(b"\r") {
             buffer.pop();
         }
@@ -73,7 +73,7 @@ impl<R: BufRead> LineReader<R> {
         Ok(true)
     }
 
-    /// Skips carriage returns. Whether the line ends after them; if not, more of it follows.
+    /// Skips carriage returns. Returns whether the line ends after them; otherwise more of it follows.
     fn skip_returns(&mut self) -> std::io::Result<bool> {
         loop {
             let Some(byte) = self.input.fill_buf()?.first().copied() else {
@@ -130,7 +130,7 @@ mod tests {
             }
             assert_eq!(reader.read_into(&mut text), Ok(false));
         }
-        // Longer than permitted, in returns only.
+        // Longer than permitted only by carriage returns.
         let mut reader = LineReader::new(&b"12345\r\rX\nG1\n"[..], 5);
         assert_eq!(
             reader.read_into(&mut text).map_err(|fault| fault.code),

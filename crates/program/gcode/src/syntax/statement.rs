@@ -239,7 +239,7 @@ impl Statement {
 
     /// The number of the spindle that `$` names; 0 without it.
     pub(crate) fn spindle(&self) -> usize {
-        // A cast of -1 is 0: what is about all spindles asks first.
+        // A cast of -1 is 0: code for all spindles checks for it first.
         self.word(b'$').map_or(0, |number| number as usize)
     }
 
@@ -554,7 +554,7 @@ impl Statement {
             Some(NonModal::SetData) => claim(match self.word(b'L') {
                 Some(2.0) => bits(b"LPR"),
                 Some(20.0) => bits(b"LP"),
-                // Those of a tool; L0 takes all as in LinuxCNC, and an unknown L is an error of its own.
+                // Words of a tool; L0 accepts all as in LinuxCNC, and an unknown L is a separate error.
                 _ => bits(b"LPRIJQ"),
             }),
             _ => {}

@@ -208,8 +208,8 @@ impl KeptParameters {
     }
 
     /// The work offset with which `tip` (mm and degrees, machine coordinates less the tool offset) reads
-    /// `values` in `axes`, as G10 L20 sets it: in a rotated system X and Y of the zero both change, so that
-    /// the other one of them reads what it did.
+    /// `values` in `axes`, as G10 L20 sets it. In a rotated system both X and Y of the zero change, so that
+    /// an axis outside of `axes` keeps its reading.
     #[must_use]
     pub fn touched_off(&self, index: usize, axes: AxisMask, values: &Axes, tip: &Axes, g92: &Axes) -> Axes {
         let zero = self.work_offset(index);
@@ -281,7 +281,7 @@ mod tests {
     use super::*;
     use crate::Action;
 
-    /// What G10 L20 does in a system, and what touching off there does: X and Y of the zero.
+    /// Result of G10 L20 in a system, and of touching off there: X and Y of the zero.
     fn touched(set_up: &str, system: usize, words: &str, values: [f64; 2], axes: AxisMask) -> [[f64; 2]; 2] {
         let mut before = KeptParameters::default();
         run(set_up, &mut before);
@@ -429,7 +429,7 @@ mod tests {
             assert_eq!((kept.active_offset(), kept.work_offset(1)[0]), (0, 50.0));
             assert_eq!(end_of(&run("G0 X1\nM2\n", &mut kept))[0], 1.0);
         }
-        // Without an end, as after a block of MDI, it stays.
+        // Without an end, as after an MDI block, it is kept.
         let mut kept = KeptParameters::default();
         let settings = Settings {
             is_block: true,

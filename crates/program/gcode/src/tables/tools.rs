@@ -197,7 +197,7 @@ impl ToolTable {
         errors.into_iter().next().map_or(Ok(table), Err)
     }
 
-    /// Reads the lines that are right, and returns an error for each of the others.
+    /// Reads the valid lines, and returns an error for each of the others.
     #[must_use]
     pub fn parse_lines(text: &str) -> (Self, Vec<ToolTableError>) {
         let mut table = Self::default();
@@ -277,7 +277,7 @@ impl ToolTable {
     }
 }
 
-/// The tool of a line, without its remark; none on an empty line.
+/// The tool of a line, without its remark; `None` on an empty line.
 fn tool_of(content: &str, line: usize) -> Result<Option<Tool>, ToolTableError> {
     let mut tool = Tool::new(0);
     let mut named = false;

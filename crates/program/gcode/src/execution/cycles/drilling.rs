@@ -18,17 +18,16 @@ const CHIP_MM: f64 = 0.254;
 /// Maximum number of holes of one line.
 pub(super) const MAX_REPEATS: u32 = 100_000;
 
-/// From this Q on a peck that is deeper than its hole is probably in micrometres, as other dialects write it.
+/// Q from which a peck deeper than its hole is probably in micrometres, as in other dialects.
 const LONG_PECK: f64 = 100.0;
 
 /// Maximum number of pecks of one hole.
 const MAX_PECKS: f64 = 100_000.0;
 
-/// Heights that differ by less are the same: those of the tool come from machine coordinates, and offsets
-/// round them.
+/// Maximum difference of equal heights: those of the tool come from machine coordinates, rounded by offsets.
 const SAME_HEIGHT_MM: f64 = 1e-7;
 
-/// Where G87 stops the spindle.
+/// The spindle stop of G87.
 const AT_ZERO: SpindleAngle = SpindleAngle {
     degrees: 0.0,
     direction: None,

@@ -1,4 +1,4 @@
-//! Threads as programs for Fanuc's lathes write them: G32, and the cycle G92.
+//! Threads in the form of Fanuc's lathes: G32, and the cycle G92.
 
 use evolvent_path::Axes;
 
@@ -6,35 +6,35 @@ use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 use crate::{Code, MoveKind, PathMode};
 
-/// What later lines of such threads inherit.
+/// Modal words of such threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct FanucThread {
-    /// F of the last one, mm a turn along its longer axis.
+    /// F of the last thread, mm per revolution along its longer axis.
     lead_mm: Option<f64>,
-    /// Z and R of the last G92, program coordinates, mm.
+    /// Z and R of the last G92 in program coordinates, mm.
     cycle: Option<(f64, f64)>,
 }
 
 impl FanucThread {
-    /// Another motion: a later G92 needs all its words.
+    /// Called for another motion: a later G92 needs all its words.
     pub(crate) fn end_cycle(&mut self) {
         self.cycle = None;
     }
 
-    /// F of another motion is a feed: a later thread needs its lead.
+    /// Called for another motion, whose F is a feed: a later thread needs its own lead.
     pub(crate) fn forget_lead(&mut self) {
         self.lead_mm = None;
     }
 }
 
-/// Path per turn where `lead_mm` is the way of the longer axis.
+/// Path per revolution if the longer axis moves by `lead_mm`.
 fn along_path(way: &Axes, lead_mm: f64) -> f64 {
     let longer = way[0].abs().max(way[2].abs());
     lead_mm * libm::hypot(way[0], way[2]) / longer.max(f64::MIN_POSITIVE)
 }
 
 impl Executor<'_> {
-    /// G32: as G33, with F the lead of the longer axis, and Q in thousandths of a degree.
+    /// G32: like G33, but F is the lead of the longer axis, and Q is in thousandths of a degree.
     pub(crate) fn fanuc_thread(&mut self) -> Result<(), Fault> {
         if !self.line.has_axes() {
             return Ok(());
@@ -47,8 +47,8 @@ impl Executor<'_> {
         self.put_thread(target, pitch_mm, degrees, None)
     }
 
-    /// G92: to X (R farther out at its beginning), along the thread to Z, out to where it began, and back.
-    /// Lines that follow with X alone are further passes.
+    /// G92: to X (by R farther out at its start), along the thread to Z, outwards to the initial X, and back.
+    /// Following lines with X alone are further passes.
     pub(crate) fn fanuc_thread_cycle(&mut self) -> Result<(), Fault> {
         let line = self.line;
         if !line.has_axes() {
@@ -100,7 +100,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// F, or that of the thread before.
+    /// F, or that of the previous thread.
     fn fanuc_lead(&mut self, name: &str) -> Result<f64, Fault> {
         let before = self.state.fanuc_thread.lead_mm;
         let lead_mm = match before {
@@ -111,7 +111,7 @@ impl Executor<'_> {
         Ok(lead_mm)
     }
 
-    /// Q, thousandths of a degree, in degrees.
+    /// Q, in thousandths of a degree, converted to degrees.
     fn fanuc_angle(&self, name: &str) -> Result<f64, Fault> {
         let angle = self.line.word(b'Q').unwrap_or(0.0);
         if (0.0..360_000.0).contains(&angle) {

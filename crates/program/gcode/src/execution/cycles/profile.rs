@@ -384,7 +384,7 @@ pub(crate) fn split_at_extremes(pieces: &[Piece]) -> Vec<Piece> {
     out
 }
 
-/// What is at the end of a piece of the profile.
+/// The shape of the end of a piece of the profile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Corner {
     /// A fillet of this radius.

@@ -351,7 +351,7 @@ fn pull_off(begin: Point, end: Point, retract: f64) -> [Stroke; 2] {
     ]
 }
 
-/// Where the profile rises to a height, from a piece on.
+/// The first point, from a piece on, at which the profile rises to a height.
 fn next_rise(pieces: &[Piece], from: usize, level: f64) -> Option<(usize, Point)> {
     pieces[from..].iter().enumerate().find_map(|(offset, piece)| {
         let rises = piece.end()[1] > piece.start()[1] && piece.end()[1] >= level - NEAR;
@@ -361,8 +361,8 @@ fn next_rise(pieces: &[Piece], from: usize, level: f64) -> Option<(usize, Point)
     })
 }
 
-/// Along the profile, with the pockets as the variant says. `None` if they take too many passes: they may be
-/// deeper than the profile as a whole.
+/// Moves along the profile, with the pockets that the variant includes. `None` if they need too many passes:
+/// they may be deeper than the profile as a whole.
 fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<Stroke>) -> Option<()> {
     let mut index = 0;
     let mut steps = 0;

@@ -353,7 +353,7 @@ impl Executor<'_> {
         self.cut(x, z, step.cross_feed)
     }
 
-    /// Off the surface at `x`, and back to the start of the passes.
+    /// Retracts from the surface at `x`, and returns to the start of the passes.
     fn home_from(&mut self, step: &Step, x: f64) -> Result<(), Fault> {
         let z = self.state.program_of(self.state.position)[2];
         let off = x + step.out * PULL_OFF_MM;
@@ -433,7 +433,8 @@ impl Executor<'_> {
 }
 
 impl Step {
-    /// Where a pass at `x` meets the wall, which is `allowance` in front of the final one along X and Z.
+    /// Position along Z at which a pass at `x` meets the wall, `allowance` before the final wall along X and
+    /// Z.
     fn end_of(&self, x: f64, allowance: f64) -> f64 {
         let (x, z) = (x - self.out * allowance, self.z + self.back * allowance);
         match self.cone {

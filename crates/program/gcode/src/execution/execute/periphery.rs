@@ -116,8 +116,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// The spindles that the line is about: the one of `$`, 0 without it; with `$-1` all that the machine
-    /// has.
+    /// The spindles of the line: that of `$`, 0 without it; with `$-1` all spindles of the machine.
     fn named_spindles(&self) -> impl Iterator<Item = usize> + use<> {
         let (all, one) = (self.line.names_all_spindles(), self.line.spindle());
         let exists = self.settings.features.spindles;
@@ -138,7 +137,7 @@ impl Executor<'_> {
         self.out(angle.action(number));
     }
 
-    /// Offsets may have moved the centre of the radius of G96.
+    /// Updates the centre of the radius of G96, which offsets may have moved.
     pub(super) fn follow_centre(&mut self) {
         for number in 0..SPINDLES {
             let spindle = &self.state.modes.spindles[number];
@@ -170,7 +169,7 @@ impl Executor<'_> {
             && !line.has(b'R')
             && (0.0..=360.0).contains(&speed)
         {
-            // Valid, but posts for other controls write the angle like this.
+            // Valid, but postprocessors for other controls write the angle in this form.
             self.out(Action::Warning(format!(
                 "M19 S{speed} turns the spindle to 0 degrees and sets its speed: write M19 R{speed} for an \
                  angle"
@@ -233,7 +232,7 @@ impl Executor<'_> {
             }
             _ => {
                 if self.state.cutter.is_on() || self.state.cutter.held.is_some() {
-                    // The next line is read before its result is known.
+                    // The next line would be read before the result is known.
                     return Err(Fault::new(
                         Code::CompensationActive,
                         span,

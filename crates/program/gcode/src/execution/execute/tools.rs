@@ -1,4 +1,4 @@
-//! Tool changes of a line, and the tool that is in the spindle.
+//! Tool changes of a line, and the tool in the spindle.
 
 use super::{Executor, Request};
 use crate::codes::modal_groups::{Group, MCode};
@@ -9,11 +9,11 @@ use crate::{Action, Code, SPINDLES, SpindleDirection, Tool};
 /// The arguments of a tool-change subroutine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ToolCall {
-    /// The tool to be put into the spindle; 0 empties it.
+    /// The new tool; 0 empties the spindle.
     pub(crate) tool: u32,
-    /// The tool that is in the spindle.
+    /// The tool in the spindle.
     pub(crate) present: u32,
-    /// The pocket of the tool, and that for the present one; 0 for none.
+    /// The pockets of the new and of the present tool; 0 for none.
     pub(crate) from_pocket: u32,
     pub(crate) to_pocket: u32,
 }
@@ -62,8 +62,8 @@ impl Executor<'_> {
                         self.spindle(number);
                     }
                 }
-                // Right after G40 the present position counts, wherever the program was when compensation
-                // ended.
+                // Right after G40 the present position applies, independent of the programmed position at the
+                // end of compensation.
                 if !self.state.cutter.is_due {
                     self.state.cutter.programmed = None;
                 }
@@ -79,7 +79,7 @@ impl Executor<'_> {
         }
     }
 
-    /// An error where the tool table has tools, but not this one. A served machine begins with an empty
+    /// Rejects a tool that a non-empty tool table does not contain. A served machine starts with an empty
     /// table, and 0 is no tool.
     pub(super) fn refuse_unknown_tool(&self, tool: u32, span: Span) -> Result<(), Fault> {
         let tools = self.tools.as_ref().filter(|tools| !tools.tools().is_empty());
