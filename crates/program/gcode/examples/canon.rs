@@ -1,5 +1,5 @@
-//! Prints what a program asks a machine to do, a line per command, for `tools/compare-rs274`:
-//! `cargo run --release -p evolvent-gcode --example canon -- PROGRAM [TOOL_TABLE]`.
+//! Prints the commands of a program, one per line, for `tools/compare-rs274`: `cargo run --release -p
+//! evolvent-gcode --example canon -- PROGRAM [TOOL_TABLE]`.
 
 #[path = "../tests/common/canon.rs"]
 mod canon;

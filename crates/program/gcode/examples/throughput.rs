@@ -1,5 +1,5 @@
-//! How fast programs are interpreted: `cargo run --release -p evolvent-gcode --example throughput [PROGRAM]`;
-//! without a program, a million plain lines.
+//! Measures the speed of interpretation: `cargo run --release -p evolvent-gcode --example throughput
+//! [PROGRAM]`; without a program, of a million plain lines.
 
 use std::fmt::Write as _;
 use std::io::Write as _;

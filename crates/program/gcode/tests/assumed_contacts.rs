@@ -1,4 +1,5 @@
-//! A check knows no contact: what depends on the assumed one is a warning, and nothing else is.
+//! A check without a machine assumes contacts: errors that depend on them are warnings, all others remain
+//! errors.
 
 use evolvent_gcode::{Action, Code, Interpreter, Settings};
 
@@ -72,7 +73,7 @@ fn an_abort_that_depends_on_the_result_is_a_warning_and_the_program_goes_on() {
         "o<s> sub\no<s> endsub [#5063]\no<s> call\no1 if [#<_value> LT 0]\n(ABORT, deep)\no1 endif\n",
         "o1 if [#5070 EQ 1]\n#7=1\no1 endif\no2 if [#7 EQ 1]\n(ABORT, touched)\no2 endif\n",
         "o<s> sub\n(ABORT, touched)\no<s> endsub\no1 if [#5070 EQ 1]\no<s> call\no1 endif\n",
-        // What is skipped might have left the subroutine.
+        // The skipped line might have left the subroutine.
         "o<s> sub\no1 if [#5070 EQ 0]\no<s> return\no1 endif\n(ABORT, touched)\no<s> endsub\no<s> call\n",
     ] {
         let (errors, warnings) = found(&format!("{PROBE}{test}G0 Z1\nG77\nM2\n"));
@@ -110,7 +111,7 @@ fn an_end_that_depends_on_the_result_is_a_warning_and_the_program_goes_on() {
             "{test}: {warnings:?}"
         );
     }
-    // What is on the line with it is executed, and nothing that belongs to the end is.
+    // The rest of the line is executed, but not the effects of the end.
     let program = format!("{PROBE}M3 S100\no1 if [#5070 EQ 1]\nG0 Z8 M2\no1 endif\nG0 Z1\nM2\n");
     let settings = Settings {
         probes_succeed: true,
@@ -142,15 +143,15 @@ fn an_end_after_an_exit_that_depends_on_the_result_is_a_warning() {
         // In a subroutine of the subroutine.
         "o<t> sub\nM2\no<t> endsub\no<s> sub\no1 if [#5070 EQ 0]\no<s> return\no1 endif\no<t> call\n\
          o<s> endsub\no<s> call\n",
-        // A loop is left, or the rest of its body.
+        // A loop is left, or the rest of its body is skipped.
         "o9 repeat [2]\no1 if [#5070 EQ 0]\no9 break\no1 endif\nM2\no9 endrepeat\n",
         "o9 repeat [2]\no1 if [#5070 EQ 0]\no9 continue\no1 endif\nM2\no9 endrepeat\n",
-        // What a loop passes over to go on might leave the subroutine.
+        // The lines that `continue` skips might leave the subroutine.
         "o<s> sub\n#1=0\no9 while [#1 LT 2]\n#1=[#1+1]\no1 if [#5070 EQ 1]\no9 continue\no1 endif\n\
          o<s> return\no9 endwhile\nM2\no<s> endsub\no<s> call\n",
         "o<s> sub\no9 repeat [2]\no1 if [#5070 EQ 1]\no9 continue\no1 endif\no<s> return\no9 endrepeat\nM2\n\
          o<s> endsub\no<s> call\n",
-        // A value that only another result sets.
+        // A value that is set only with another result.
         "o100 sub\no1 if [#5070 EQ 0]\nm 99 P#<none>\no1 endif\nM2\no100 endsub\nM98 P100\n",
         "o<s> sub\no9 do\no1 if [#5070 EQ 1]\no9 break\no1 endif\no<s> return\no9 while [1]\nM2\n\
          o<s> endsub\no<s> call\n",
@@ -166,7 +167,7 @@ fn an_end_after_an_exit_that_depends_on_the_result_is_a_warning() {
             "{test}: {warnings:?}"
         );
     }
-    // The end after the loop, the end after the subroutine, and exits that no result leads to.
+    // The end after the loop, the end after the subroutine, and exits that no result reaches.
     for test in [
         "o9 repeat [2]\no1 if [#5070 EQ 0]\no9 break\no1 endif\no9 endrepeat\nM2\n",
         "o<s> sub\no1 if [#5070 EQ 0]\no<s> return\no1 endif\no<s> endsub\no<s> call\nM2\n",
@@ -183,7 +184,7 @@ fn an_end_after_an_exit_that_depends_on_the_result_is_a_warning() {
             "{test}: {errors:?} {warnings:?}"
         );
     }
-    // An endless loop with such an end ends as well.
+    // An endless loop with such an end terminates as well.
     let program = format!("{PROBE}o1 while [1]\no2 if [#5070 EQ 0]\no1 break\no2 endif\nM2\no1 endwhile\n");
     assert_eq!(found(&program).0, []);
 }
@@ -195,7 +196,7 @@ fn an_end_that_does_not_depend_on_it_ends_the_program() {
         "M30\n",
         "#1=2\no1 if [#1 EQ 2]\nM2\no1 endif\n",
         "o1 if [#5070 EQ 0]\nG0 Z9\no1 endif\nM2\n",
-        // The test of a contact before, in another branch.
+        // A test of an earlier contact, in another branch.
         "o1 if [#5070 EQ 1]\nG0 Z9\no1 endif\no2 if [1 EQ 1]\nM30\no2 endif\n",
         "o<s> sub\nM2\no<s> endsub\no1 if [#5070 EQ 1]\nG0 Z9\no1 endif\no<s> call\n",
     ] {
@@ -206,7 +207,7 @@ fn an_end_that_does_not_depend_on_it_ends_the_program() {
             "{test}: {errors:?} {warnings:?}"
         );
     }
-    // An endless loop that ends with it does.
+    // An endless loop with such an end terminates.
     let program = format!("{PROBE}o1 while [#5070 EQ 1]\nG0 Z1\nM2\no1 endwhile\n");
     assert_eq!(found(&program).0, []);
     // Without the assumption nothing changes.
@@ -278,7 +279,7 @@ fn positions_are_unknown_until_they_are_commanded() {
     );
 }
 
-/// The lines with moves of which the end may be unknown because of lines that had no effect.
+/// The lines with moves whose end may be unknown because of lines without effect.
 fn doubtful(program: &str) -> Vec<u32> {
     let settings = Settings {
         probes_succeed: true,
@@ -297,7 +298,7 @@ fn doubtful(program: &str) -> Vec<u32> {
 
 #[test]
 fn an_abort_that_is_not_followed_leaves_everything_known() {
-    // Letters of the text are no words, whichever they are.
+    // The text of an (ABORT) has no words, whatever its letters.
     let texts = [
         "(ABORT, contact too early)",
         "(abort,TOO HIGH: X#1 Y#2 Z#3 G10 L20 = @^)",
@@ -312,12 +313,12 @@ fn an_abort_that_is_not_followed_leaves_everything_known() {
 #[test]
 fn a_line_with_an_assumed_error_leaves_unknown_what_its_words_set() {
     let of = |line: &str| doubtful(&format!("{PROBE}{line}\nG1 X8\nG0 X4 Z9\nZ3\nM2\n"));
-    // Before it, #5063 is -5 where the probing move ends.
+    // At this point #5063 is -5, where the probing move ends.
     assert_eq!(of("G1 Z[1/[#5063+5]] (to the top, G92 T1)"), [5]);
     assert_eq!(of("G1 Z[1/[#5063+5]] ; G54 and T1"), [5]);
     assert_eq!(of("#<GOT>=[1/[#5063+5]]"), [] as [u32; 0]);
     assert_eq!(of("G53 G0 Z[1/[#5063+5]]"), [5]);
-    // What coordinates refer to, or may refer to.
+    // Words that change, or may change, the reference of coordinates.
     assert_eq!(of("G92 Z[1/[#5063+5]]"), [5, 6, 7]);
     assert_eq!(of("g 5 5 X[1/[#5063+5]]"), [5, 6, 7]);
     assert_eq!(of("G#100 Z[1/[#5063+5]]"), [5, 6, 7]);

@@ -1,8 +1,8 @@
-//! Whatever is wrong with a program is named, with its place.
+//! Every mistake in a program is reported with its position.
 
 use evolvent_gcode::{Code, Diagnostic, Interpreter, Settings};
 
-/// X Y Z and A exist, so that B has a reason to be refused and rotary motion can be tried.
+/// X Y Z and A exist, so that B can be rejected and rotary motion can be tested.
 fn settings() -> Settings {
     Settings {
         axes: [true, true, true, true, false, false, false, false, false],
@@ -63,7 +63,7 @@ const TABLE: &[(&str, Code, u32)] = {
         ("G0 X1000000000.1", NumberTooLarge, 5),
         ("G0 X-99999999999999999999999999999999", NumberTooLarge, 5),
         ("G9999999999", NumberTooLarge, 2),
-        // 1e308 written the ways people write it.
+        // 1e308 in the forms in which users write it.
         ("G0 X1e308", UnusedWord, 6),
         ("G0 X1E-3", UnusedWord, 6),
         ("G0 XNAN", NumberMissing, 4),
@@ -373,7 +373,7 @@ fn every_code_is_listed_in_the_docs_with_its_meaning() {
          meaning; new ones may come.\n\n| code | meaning |\n|---|---|\n",
     );
     for code in Code::ALL {
-        // Links of the library's documentation mean nothing here.
+        // Links of the library's documentation have no meaning here.
         let meaning = code.meaning().replace(
             "[`ProgramLimits::max_line_bytes`](crate::ProgramLimits::max_line_bytes)",
             "64 KiB",
@@ -444,7 +444,7 @@ fn one_pass_finds_the_errors_of_many_lines() {
             _ => None,
         })
         .collect();
-    // X2 mm absolute: neither inches nor increments came through.
+    // X2 is absolute and in mm: the rejected line has set neither inches nor increments.
     assert_eq!(ends, [1.0, 2.0]);
 }
 
@@ -466,7 +466,7 @@ fn reading_continues_after_a_line_that_is_too_long() {
     assert_eq!((found[1].code, found[1].line), (Code::UnknownG, 2));
 }
 
-/// Gives some lines, then fails as a pulled USB stick does.
+/// Returns some lines, then fails like a disconnected USB stick.
 struct Broken(&'static [u8]);
 
 impl std::io::Read for Broken {

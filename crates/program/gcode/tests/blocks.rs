@@ -1,4 +1,4 @@
-//! Blocks of MDI, and blocks that block delete skips.
+//! MDI blocks, and blocks that block delete skips.
 
 use evolvent_gcode::{Action, Interpreter, Outputs, Settings, SpindleDirection};
 
@@ -44,7 +44,7 @@ fn an_mdi_block_keeps_spindle_and_coolant() {
         (0.0, false, false),
         "M2 says so itself"
     );
-    // A program ends with all off, whoever has switched it on.
+    // The end of a program switches everything off, including outputs that were on before.
     assert_eq!(outputs("G0 X1\n", on, false), (0.0, false, false));
     assert_eq!(outputs("G0 X1\nM2\n", on, false), (0.0, false, false));
 }

@@ -1,8 +1,7 @@
-//! Cutter compensation on random contours, against what it is for: no point of the tool's path comes nearer
-//! to the contour than the radius, no move is run backwards or all the way round, and nothing is refused that
-//! fits.
+//! Cutter compensation on random contours: no point of the tool's path is nearer to the contour than the
+//! radius, no move is reversed or runs all the way round, and every contour that the tool fits is accepted.
 //!
-//! The generator and the checks know nothing of how the path is found: they sample it.
+//! Generator and checks do not know the algorithm: they sample the path.
 
 use evolvent_random::{Random, cases, cases_are_given};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -11,7 +10,7 @@ use std::fmt::Write as _;
 use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, Move, Settings};
 use evolvent_path::{Axes, Curve};
 
-/// What a corner below 0.05 rad costs, as a fraction of the radius: it is passed straight.
+/// Loss of distance at a corner below 0.05 rad that is passed straight, as a fraction of the radius.
 const STRAIGHT_LOSS: f64 = 0.00125;
 
 type Point = [f64; 2];
@@ -41,7 +40,7 @@ impl Piece {
         }
     }
 
-    /// An arc that begins in a direction.
+    /// An arc with the given direction at its start.
     fn arc(start: Point, angle: f64, radius: f64, sweep: f64) -> Self {
         let sign = sweep.signum();
         let centre = [
@@ -85,7 +84,7 @@ impl Piece {
         ]
     }
 
-    /// How far a point is from the piece.
+    /// Distance of a point from the piece.
     fn distance(&self, point: Point) -> f64 {
         let ends = distance(point, self.start).min(distance(point, self.end));
         if self.sweep == 0.0 {
@@ -122,11 +121,11 @@ struct Case {
     radius: f64,
     left: bool,
     program: String,
-    /// How far the written contour may be off: a few roundings, in mm.
+    /// Error of the written contour: a few roundings, in mm.
     written: f64,
 }
 
-/// The first line of the program that belongs to the contour; each piece has a line.
+/// The first line of the contour in the program; each piece has one line.
 const FIRST_LINE: usize = 5;
 
 impl Case {
@@ -162,7 +161,7 @@ impl Case {
         if self.left { 1.0 } else { -1.0 }
     }
 
-    /// The moves beside each piece.
+    /// The moves of the tool for each piece.
     fn run(&self) -> Result<Vec<Vec<Move>>, Diagnostic> {
         let mut moves = vec![Vec::new(); self.pieces.len()];
         for item in Interpreter::new(self.program.as_bytes(), Settings::default()) {
@@ -182,8 +181,8 @@ impl Case {
         [x + self.radius * angle.cos(), y + self.radius * angle.sin()]
     }
 
-    /// How much more clearance a place may have that still counts as too narrow: roundings move corners by
-    /// many times their size where walls are nearly parallel.
+    /// Additional clearance up to which a position still counts as too narrow: rounding moves corners by many
+    /// times its size where walls are nearly parallel.
     fn spared(&self) -> f64 {
         if self.written < 1e-5 {
             0.0
@@ -199,8 +198,8 @@ impl Case {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// The moves beside one piece: perhaps an arc about the corner before it, then the piece's own, which
-    /// leads the piece's way at the piece's side.
+    /// Checks the moves beside one piece: possibly an arc about the corner before it, then the piece's own
+    /// move, parallel to the piece and on its side.
     fn check_moves(&self, piece: &Piece, moves: &[Move]) -> Result<(), String> {
         let allowed = STRAIGHT_LOSS * self.radius + self.written;
         let Some((own, corner)) = moves.split_last() else {
@@ -217,7 +216,7 @@ impl Case {
                 return Err(format!("an arc of {} about the corner", arc.sweep_rad()));
             }
         }
-        // A tool alone about the corner: a piece that vanishes has no move of its own.
+        // Only an arc about the corner: a piece that vanishes has no move of its own.
         if let (Curve::Arc(arc), 0.0) = (own.curve, piece.sweep)
             && distance(arc.centre_mm(), piece.start) <= self.written
         {
@@ -234,7 +233,7 @@ impl Case {
             let Curve::Arc(arc) = own.curve else {
                 return Err("an arc became a line".to_owned());
             };
-            // A corner passed straight may let it begin a little before.
+            // A corner that is passed straight may let it begin slightly earlier.
             let more = 0.06 * (1.0 + self.radius / arc.radius_mm());
             if arc.sweep_rad() * piece.sweep <= 0.0 || arc.sweep_rad().abs() > piece.sweep.abs() + more {
                 let (is, was) = (arc.sweep_rad(), piece.sweep);
@@ -261,8 +260,8 @@ fn samples(step: &Move) -> impl Iterator<Item = Point> {
     (0..=60).map(move |index| plane(curve.position(f64::from(index) / 60.0 * length)))
 }
 
-/// A landscape: the contour goes on in X, whatever it does in Y, so it never meets itself. Turned by any
-/// angle; seen from below where the tool is on the right.
+/// A landscape: the contour always advances in X, so it never intersects itself. Rotated by any angle, and
+/// seen from below if the tool is on the right.
 fn landscape(random: &mut Random) -> Case {
     let radius = random.between(0.5, 8.0);
     let left = random.unit() < 0.5;
@@ -283,7 +282,7 @@ fn landscape(random: &mut Random) -> Case {
         } else {
             let arc = Piece::arc(at, first, size(random), random.between(-1.5, 1.5) - first);
             let chord = (arc.end[0] - at[0]).hypot(arc.end[1] - at[1]);
-            // Written with these decimals a shorter one may end where it begins, which means a full circle.
+            // With these decimals a shorter arc may end where it begins, which means a full circle.
             if chord > 10_f64.powi(1 - decimals) {
                 arc
             } else {
@@ -337,7 +336,7 @@ fn random_contours_are_never_gouged() {
                     "{}\n{text}",
                     error.render("x")
                 );
-                // A corner that is passed straight takes up to a fortieth of the radius more than it must.
+                // A corner that is passed straight takes up to a fortieth of the radius more than necessary.
                 let straight = case.pieces.windows(2).any(|pair| {
                     let turn = pair[1].direction(0.0) - pair[0].direction(1.0);
                     {
@@ -349,7 +348,7 @@ fn random_contours_are_never_gouged() {
                 if straight {
                     continue;
                 }
-                // Somewhere there is a piece that the tool cannot touch at all.
+                // Some piece cannot be touched by the tool at all.
                 let hidden = case.pieces.iter().any(|piece| {
                     (0..=2000).all(|index| {
                         let centre = case.touching(piece, f64::from(index) / 2000.0);

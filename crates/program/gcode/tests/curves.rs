@@ -1,4 +1,4 @@
-//! Splines, NURBS and holes: the moves lie on the curves that the words define.
+//! Splines, NURBS and holes: the moves follow the curves that the words define.
 
 use evolvent_gcode::{Action, Interpreter, Move, MoveKind, Settings, Tool, ToolTable};
 use evolvent_path::Curve;
@@ -26,7 +26,7 @@ fn moves(program: &str) -> Vec<Move> {
     moves_with(program, Settings::default())
 }
 
-/// Points of a curve, evenly by its own parameter.
+/// Points of a curve at equal steps of its own parameter.
 fn points(curve: &Curve, count: u32) -> Vec<[f64; 2]> {
     let at = |k: u32| curve.position(curve.domain() * f64::from(k) / f64::from(count));
     (0..=count).map(|k| [at(k)[0], at(k)[1]]).collect()
@@ -109,15 +109,14 @@ fn a_nurbs_circle_is_a_smooth_circle() {
 
 #[test]
 fn a_curve_with_stationary_ends_is_followed() {
-    // No control points: a straight line with a speed of nought at both ends.
+    // Without control points: a straight line with zero speed at both ends.
     let found = moves("F600\nG5 X10 Y5 P0 Q0");
     let total: f64 = found.iter().map(|step| step.curve.length()).sum();
     assert!((total - 125.0_f64.sqrt()).abs() < 1e-3);
     assert_eq!(found.last().unwrap().curve.end()[0], 10.0);
 }
 
-/// Distance of the farthest point of the feed moves from a centre, and that of the nearest one on the wall's
-/// circle.
+/// Maximum distance of the feed moves from a centre.
 fn reach(moves: &[Move], centre: [f64; 2]) -> f64 {
     let feeds = moves.iter().filter(|step| step.kind == MoveKind::Feed);
     let all = feeds.flat_map(|step| points(&step.curve, 64));
@@ -129,7 +128,7 @@ fn reach(moves: &[Move], centre: [f64; 2]) -> f64 {
 fn a_hole_reaches_its_wall_at_every_depth() {
     let found = moves("F600 G99 G0 Z20\nG13.2 X30 Y-10 Z-6 R2 D40 E12 Q3 K0.5 I3 F900");
     assert!((reach(&found, [30.0, -10.0]) - 14.0).abs() < 1e-9);
-    // Once round on the final circle of radius 14 at each of three depths.
+    // One revolution on the final circle of radius 14 at each of three depths.
     let mut depths: Vec<f64> = found
         .iter()
         .filter(|step| matches!(step.curve, Curve::Arc(arc) if (arc.radius_mm() - 14.0).abs() < 1e-9))

@@ -1,4 +1,4 @@
-//! Which tool is compensated, where its tip is, and contours that it does not fit into.
+//! The tool for compensation, the position of its tip, and contours that it does not fit.
 
 #![expect(clippy::panic, reason = "a test may fail")]
 
@@ -52,7 +52,7 @@ fn a_slot_narrower_than_the_tool_is_refused() {
     for (width, line) in [(0.5, 6), (8.0, 7), (9.99, 7), (9.9999, 7)] {
         assert_eq!(fault(&slot(width)), (Code::CompensationGouge, line), "{width}");
     }
-    // As wide as the tool is wide enough: the tool goes in and out on one line.
+    // A slot as wide as the tool is wide enough: the tool moves in and out on one line.
     let fitting = moves(&slot(10.0));
     let ends: Vec<_> = fitting
         .iter()
@@ -81,8 +81,7 @@ fn a_move_that_its_first_corner_takes_up_is_refused() {
 
 #[test]
 fn a_fine_hollow_narrower_than_the_tool_is_refused() {
-    // Half a circle of radius 4 in steps of two degrees: no corner is sharp, and the tool's path would run
-    // backwards.
+    // Half a circle of radius 4 in steps of two degrees: no sharp corner, but a reversed tool path.
     let hollow = |radius: f64| {
         let mut text = format!("G21 F600\nG0 X{radius} Y-30\nG41.1 D10\nG1 Y-12\nY0\n");
         for step in 1..=90 {
@@ -99,7 +98,7 @@ fn a_fine_hollow_narrower_than_the_tool_is_refused() {
 
 #[test]
 fn arcs_with_rounded_ends_are_followed() {
-    // Along a line onto a half circle whose radii at start and end are 0.01 mm apart, on either side.
+    // Along a line to a half circle whose radii at start and end differ by 0.01 mm, on either side.
     for (side, y) in [("G41.1", 1.0), ("G42.1", -1.0)] {
         let found = moves(&format!(
             "F600\nG0 X0 Y-30\n{side} D2\nG1 X10 Y-20\nY0\nG3 X-9.99 Y0 I-10 J0\nG1 Y-20\nG40 Y-30"
@@ -114,7 +113,7 @@ fn arcs_with_rounded_ends_are_followed() {
             "{radius:?}"
         );
     }
-    // A line that folds back onto an arc as nearly as programs can write it.
+    // A line that folds back to an arc as nearly as a program can express it.
     let fold = "F100\nG0 X-29.5409 Y-111.2971\nG42.1 D0.5\nG1 X-42.0209 Y-102.9771\nX-54.5009 Y-94.6571\n\
                 G2 I-1.576 J-2.5527 X-57.8722 Y-99.6133\nG40\nG1 X-62.9 Y-114.6";
     assert!(moves(fold).len() == 6);
@@ -122,7 +121,7 @@ fn arcs_with_rounded_ends_are_followed() {
 
 #[test]
 fn a_full_circle_next_to_a_corner_stays_one() {
-    // The tool comes 0.03 rad off the circle's tangent, from outside or inside.
+    // The tool arrives 0.03 rad off the circle's tangent, from outside or inside.
     for angle in [-0.03_f64, 0.03] {
         let (x, y) = (-40.0 * angle.cos(), -40.0 * angle.sin());
         let found = moves(&format!(
@@ -145,13 +144,13 @@ fn a_tool_nose_cuts_the_programmed_diameter() {
         "G21 G18 G94 F100\nT1 M6 G43\nG0 X40 Z50\nG42\nG1 X20 Z45\nX20 Z20\nX30 Z10\nG40 G0 X60\nM2\n";
     let found = moves(program);
     let at = |index: usize| (found[index].curve.end()[0], found[index].curve.end()[2]);
-    // Along Z the tip runs at the radius itself; the nose, its centre 0.8 above, touches it from outside.
+    // Along Z the tip moves at the programmed radius; the nose touches it, its centre 0.8 above.
     assert_eq!((at(1).0, at(2).0), (20.0, 20.0));
     // On the cone of 45 degrees the nose's centre is 0.8 off the line, the tip 0.8 lower in both.
     let (x, z) = (at(3).0 + 0.8, at(3).1 + 0.8);
     let off = ((x - 20.0) + (z - 20.0)) / std::f64::consts::SQRT_2;
     assert!((off.abs() - 0.8).abs() < 1e-12, "{off}");
-    // G40 brings the tip back to the program.
+    // G40 returns the tip to the programmed position.
     assert_eq!(at(4), (60.0, 10.0));
 }
 
@@ -211,7 +210,7 @@ fn tool_0_of_h_and_d_is_the_tool_in_the_spindle() {
         let found = moves("T3 M6 F100\nG0 X-20\nG42 D0\nG1 X0\nX20\nG40 X40");
         assert_eq!(found[1].curve.end()[1], -6.0);
     }
-    // Without a tool there is none.
+    // Without a tool there is no offset.
     assert_eq!(moves("G43 H0\nG0 Z10")[0].curve.end()[2], 10.0);
 }
 
@@ -229,7 +228,7 @@ fn g10_of_the_loaded_tool_counts_at_once() {
     assert_eq!(fault("T3 M6\nG10 L1 P0 Z1"), (Code::OutOfRange, 2));
 }
 
-/// Lines of warnings of contours that are too near to themselves, and the lines that they name.
+/// Lines of warnings about contours that are too close to themselves, and the lines that they name.
 fn near(program: &str) -> Vec<(u32, u32)> {
     let settings = Settings {
         tools: Some(ToolTable::parse(TOOLS).unwrap_or_else(|error| panic!("{error}"))),
@@ -251,8 +250,7 @@ fn near(program: &str) -> Vec<(u32, u32)> {
     found.collect()
 }
 
-/// A pocket of two chambers, joined by a throat of this width, from inside; line 10 passes the throat on the
-/// left, 16 on the right.
+/// A pocket of two chambers, joined by a throat, from inside; lines 10 and 16 pass the throat.
 fn throat(width: f64, tool: f64, side: &str, before: &str, after: &str) -> String {
     let x = 0.5 * width;
     let mut corners = vec![
@@ -306,7 +304,7 @@ fn a_narrow_throat_is_reported_with_both_lines() {
                 "{side} {width}"
             );
         }
-        // At another height the same; the way to the contour may be crossed.
+        // The same at another height; the approach to the contour may be crossed.
         let found = near(&throat(8.0, 10.0, side, "G0 X0 Y0\nG0 Z-3", "X0 Y0\nG40 X5"));
         assert_eq!(found.len(), 1, "{side}");
         assert_eq!(
@@ -334,13 +332,12 @@ fn an_island_too_close_to_the_wall_is_reported() {
         [(17, 7), (7, 17), (24, 17), (17, 24)]
     );
     assert_eq!(near(&program(10.2, -1.0, 40.0)), []);
-    // The same pocket once more, 0.5 inside: no edge of the part, whatever it crosses.
+    // The same pocket again, 0.5 inside: not an edge of the part, whatever it crosses.
     assert_eq!(near(&program(12.0, -1.0, 39.5)), []);
     assert_eq!(near(&program(9.0, -5.0, 39.5)), []);
 }
 
-/// A closed contour of lines and arcs about the origin, its program from inside or outside, and its points at
-/// most 0.15 apart.
+/// A closed contour about the origin, its program, and its points at most 0.15 apart.
 fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
     let corners = 5 + (9.0 * random.unit()) as usize;
     let radius = random.between(1.0, 6.0);
@@ -355,7 +352,7 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
     if clockwise {
         points.reverse();
     }
-    // The contour begins in the middle of a line, so that the way there meets no corner.
+    // The contour starts in the middle of a line, so that the approach meets no corner.
     let [first, second] = [points[0], points[1]];
     let middle = [0.5 * (first[0] + second[0]), 0.5 * (first[1] + second[1])];
     points.push(first);
@@ -391,7 +388,7 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
         let chord = way[0].hypot(way[1]);
         let is_arc = index > 1 && index + 1 < points.len() && random.unit() < 0.4;
         if is_arc {
-            // The centre beside the middle of the chord.
+            // The centre is beside the middle of the chord.
             let off = random.between(0.3, 2.0) * chord * if random.unit() < 0.5 { 1.0 } else { -1.0 };
             let centre = [
                 at[0] + 0.5 * way[0] - off * way[1] / chord,
@@ -425,7 +422,7 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
     (text, radius, outline)
 }
 
-/// How far a point is from a line of points.
+/// Distance of a point from a polyline.
 fn distance_to(outline: &[[f64; 2]], point: [f64; 2]) -> f64 {
     let squares = outline.windows(2).map(|ends| {
         let way = [ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]];
@@ -441,8 +438,7 @@ fn distance_to(outline: &[[f64; 2]], point: [f64; 2]) -> f64 {
     squares.fold(f64::INFINITY, f64::min).sqrt()
 }
 
-/// An open contour of lines and arcs in any direction, its program, and the points of its pieces at most 0.15
-/// apart. A straight move leads there and one away.
+/// An open contour, its program with straight moves to it and away, and points at most 0.15 apart.
 fn random_open_contour(random: &mut Random) -> (String, f64, Vec<Vec<[f64; 2]>>) {
     let radius = random.between(1.0, 5.0);
     let word = if random.unit() < 0.5 { "G41.1" } else { "G42.1" };
@@ -461,7 +457,7 @@ fn random_open_contour(random: &mut Random) -> (String, f64, Vec<Vec<[f64; 2]>>)
         if piece > 0 {
             heading += random.between(-2.2, 2.2);
         }
-        // First and last are lines, as the ways there and away are told from arcs beside them.
+        // First and last are lines, because arcs next to the approach count as part of it.
         if random.unit() < 0.35 && (1..5).contains(&piece) {
             let (size, sweep) = (random.between(0.3, 5.0) * radius, random.between(-3.0, 3.0));
             let centre = step(at, heading + 0.5 * std::f64::consts::PI * sweep.signum(), size);
@@ -494,7 +490,7 @@ fn random_open_contour(random: &mut Random) -> (String, f64, Vec<Vec<[f64; 2]>>)
 
 #[test]
 fn a_further_lap_is_not_compared_with_the_edges_of_the_first() {
-    // A rectangle, then a second lap that cuts one of its corners: meant, whatever the tool.
+    // A rectangle, then a second lap that cuts one of its corners: intended, with any tool.
     let lap = "Y50\nX80\nY0\nX0\n";
     let program = |second: &str| {
         format!("G21 G90 G17\nT3 M6\nG0 X-20 Y-20\nF1000\nG41 D3 G1 X0\n{lap}{second}X-20\nG40 X-40\nM2\n")
@@ -525,7 +521,7 @@ fn random_open_contours_report_sampled_cuts() {
         let told = actions.iter().any(|action| matches!(action, Action::Warning(_)));
         let depth = |pieces: &[Vec<[f64; 2]>]| {
             let mut least = f64::INFINITY;
-            // Without the rapid, the move that leads there, and the one away, which is not compensated.
+            // Without the rapid, the approach, and the last move, which is not compensated.
             for step in &steps[2..steps.len() - 1] {
                 let count = (step.curve.length() / 0.1).ceil().max(1.0) as u32;
                 for k in 0..=count {
@@ -539,7 +535,7 @@ fn random_open_contours_report_sampled_cuts() {
             }
             radius - least
         };
-        // The last edge may lead away for all that the program says, and arcs before it.
+        // The last edge and the arcs before it may lead away as far as the program shows.
         let away = pieces
             .iter()
             .rev()
@@ -613,8 +609,8 @@ fn outputs_and_path_modes_have_their_place_in_a_compensated_contour() {
         format!("G21 G90 F300 G64\nG0 X-20 Y0\nG41.1 D4\nG1 X0 Y5\nX20\n{line}\nY20\nX0\nG40 X-20\nM2\n")
     };
     let expected = moves(&program("(nothing)"));
-    // Each takes effect after the move that ends at X20, as it would without compensation: the fourth after
-    // the rapid, the entry and the arc of its corner.
+    // Each takes effect after the move that ends at X20, as without compensation: the fourth, after the
+    // rapid, the entry and the arc of its corner.
     let before = 4;
     for line in ["M62 P0", "M63 P0", "M64 P0", "M65 P0", "M67 E0 Q1", "M68 E0 Q1"] {
         let actions = run(&program(line)).unwrap_or_else(|error| panic!("{}", error.render("x")));
@@ -651,11 +647,11 @@ fn the_tool_leaves_a_contour_straight_up_after_g40() {
         for up in 4..ends.len() - 2 {
             assert_eq!(at(up), [-5.0, 50.0], "{ends:?}");
         }
-        // The next move in the plane leads to the programmed path, of both axes.
+        // The next move in the plane returns to the programmed path in both axes.
         assert_eq!(at(ends.len() - 2), [0.0, 60.0]);
         assert_eq!(at(ends.len() - 1), [1.0, 60.0]);
     }
-    // A tool change, a cycle and a zero between them know the programmed position.
+    // A tool change, a cycle and a zero in between use the programmed position.
     for between in ["T3 M6", "G92 X0 Y50", "G10 L20 P1 X0 Y50"] {
         let steps = moves(&format!("{contour}G0 Z50\n{between}\nG0 Y60\nM2\n"));
         let end = steps.last().map(|step| step.curve.end()).unwrap_or_default();
@@ -669,7 +665,7 @@ fn the_tool_leaves_a_contour_straight_up_after_g40() {
         (Code::CompensationActive, 8)
     );
     assert!(run(&format!("{contour}G0 Z50\nG0 X0\nG38.2 Z-9\nM2\n")).is_ok());
-    // In the time that the programmed way takes: 5 mm up in a tenth of a minute.
+    // In the time for the programmed path: 5 mm up in a tenth of a minute.
     let steps = moves(&format!("{contour}G93 G1 Z0 F10\nM2\n"));
     let last = steps.last().map_or(f64::NAN, |step| step.feed_mm_s);
     assert!((last - 50.0 / 60.0).abs() < 1e-9, "{last}");
@@ -695,7 +691,7 @@ fn compensation_without_a_tool_is_warned_of() {
             "{found:?}"
         );
     }
-    // A tool in the spindle, one named by D, and a diameter that is written.
+    // A tool in the spindle, one named by D, and a given diameter.
     for code in ["T3 M6\nG41", "M61 Q3\nG42", "G41 D4", "G41.1 D0"] {
         assert_eq!(warnings(&format!("{code}\n{contour}")), [""; 0], "{code}");
     }

@@ -1,5 +1,5 @@
-//! Values that other dialects write in other units or read from other places: warned of, because the line
-//! runs.
+//! Values that other dialects write in other units or read from other parameters: a warning, because the line
+//! is executed.
 
 use evolvent_gcode::{Action, Interpreter, Settings};
 
@@ -35,7 +35,8 @@ fn system_variables_of_macro_programs_are_told_once() {
         warnings("#4002=0\no1 while [#4002 LT 3]\n#4002=[#4002+1]\no1 endwhile\nM2\n"),
         []
     );
-    // What is set here, or was kept; numbers that other dialects do not use; what this dialect has there.
+    // Values set here or kept; numbers that other dialects do not use; numbers with a meaning in this
+    // dialect.
     assert_eq!(
         warnings("#4001=3\nG0 X#4001\nG0 X[#5420+#5220+#5061+#2000+#5000]\nM2\n"),
         []

@@ -7,8 +7,8 @@ use crate::lathe_dialects::on_lathe;
 
 #[test]
 fn other_dialects_are_told_what_to_write_here() {
-    // Program, line with the error, what it means here, what to write. One error each: nothing follows from
-    // it.
+    // Program, line of the error, meaning of the line, replacement. One error each: no other error follows
+    // from it.
     for (program, line, means, write) in [
         ("G21\nG05.1 Q1\nG0 X1\n", 2, "quadratic spline", "remove the line"),
         (
@@ -172,7 +172,7 @@ fn a_dwell_of_a_thousand_seconds_is_warned_of() {
         unreachable!("a warning")
     };
     assert!(text.contains("1000 seconds") && text.ends_with("P1"), "{text}");
-    // Once for the line that says it, not for every hole.
+    // Once for the line with the value, not for every hole.
     let found = warnings("F100 G0 Z5\nG82 X1 Z-1 R1 P500\nX2\nX3\nG80\n");
     assert_eq!((found.len(), found[0].line), (1, 2));
     for short in ["G4 P99\n", "G4 P0.5\n", "G4 P120.5\n"] {
@@ -208,7 +208,7 @@ fn lines_of_other_mills_are_told_what_to_write() {
         found.len() == 1 && !found[0].1.contains("increments"),
         "{found:?}"
     );
-    // What is right is not touched, and what is wrong in another way neither.
+    // Correct lines remain unchanged, and so do lines with other mistakes.
     assert_eq!(
         errors("#1=[#2+1] #3=-5 #4=#1\nS1 M3 $0\n/ G0 X1\nG50.5\n").len(),
         1

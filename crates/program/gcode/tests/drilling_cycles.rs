@@ -5,7 +5,7 @@ use evolvent_random::{Random, cases};
 
 use crate::interpreted::interpret;
 
-/// Heights above the work at which rapids go sideways.
+/// Heights above the work at which rapids move sideways.
 fn heights_across(program: &str, zero: f64) -> Vec<f64> {
     let (commands, found) = interpret(program, Settings::default());
     assert!(found.is_empty(), "{program}{found:?}");
@@ -20,8 +20,7 @@ fn heights_across(program: &str, zero: f64) -> Vec<f64> {
 }
 
 /// RS274/NGC 3.5.16 and LinuxCNC: from R the tool travels at the height to which the cycle retracts, also
-/// behind a hole of G99. The heights are those of the work, whatever offsets make of them in machine
-/// coordinates.
+/// after a hole of G99. Heights are those above the work, with any offsets.
 #[test]
 fn a_hole_of_g98_behind_one_of_g99_is_approached_at_the_height_before_all() {
     let mut random = Random::from_state(0x5eed_0099);
@@ -45,7 +44,7 @@ fn a_hole_of_g98_behind_one_of_g99_is_approached_at_the_height_before_all() {
             Action::Move(step) => Some(step.curve.end()[2]),
             _ => None,
         });
-        // The last hole ends at the height before all, which tells where the work is.
+        // The last hole ends at the initial height, which gives the height of the work.
         let work = last.expect("moves") - 30.0;
         let heights = heights_across(&program, work);
         let expected = [30.0, r, 30.0, 30.0];

@@ -1,4 +1,4 @@
-//! Errors that help: one for each mistake, with the calls that led to it, also in loops and long lines.
+//! Errors: one for each mistake, with the calls that led to it, also in loops and long lines.
 
 use std::time::{Duration, Instant};
 
@@ -33,7 +33,7 @@ fn errors_in_files_of_subroutines_name_the_calls() {
     for place in ["inner.ngc:3:5", "outer.ngc:3", "called from main.ngc:3"] {
         assert!(shown.contains(place), "{place} is not in\n{shown}");
     }
-    // The move says where it stands as well, for whoever refuses it.
+    // The move carries its origin as well, for consumers that reject it.
     let origin = commands[0].origin.as_ref().unwrap();
     assert_eq!(
         (commands[0].line, origin.line, &*origin.file),
@@ -75,7 +75,7 @@ fn the_whole_chain_of_a_recursion_is_named() {
             "{shown}"
         );
     }
-    // One that goes too deep fails in the line that calls, in the deepest subroutine.
+    // A call that is too deep fails in the calling line, in the deepest subroutine.
     let found = errors(&program(101));
     assert_eq!((found[0].line, found[0].calls.len()), (3, 100));
 }
@@ -91,7 +91,7 @@ fn an_error_names_the_subroutine_it_ends() {
         "outer.ngc",
         "o<outer> sub\n\no<inner> call\nG1 Z?\no<outer> endsub\n",
     );
-    // Of the other folder; its end is that of another one, which ends it all the same.
+    // In the other folder; its end has another name, and ends it all the same.
     write(&other, "inner.ngc", "o<inner> sub\nG0 X1\nM70\no<wrong> endsub\n");
     let settings = Settings {
         subroutine_folders: vec![library.path().to_path_buf(), other.path().to_path_buf()],
@@ -112,7 +112,7 @@ fn an_error_names_the_subroutine_it_ends() {
     let files: Vec<bool> = found.iter().map(|error| error.file.is_some()).collect();
     assert_eq!(files, [true, true, false]);
     assert!(found[0].file.as_deref().unwrap().ends_with("inner.ngc"));
-    // A command knows the same of its line.
+    // A command carries the same calls.
     let chain = commands[0].calls.innermost_first();
     assert_eq!(chain.len(), 3);
     assert_eq!(
@@ -135,7 +135,7 @@ fn loops_of_errors_end_soon_and_say_so() {
         assert_eq!((found[0].line, found[1].code), (2, Code::TooManySteps), "{body}");
         assert!(found[1].message.contains("not checked"), "{}", found[1].message);
     }
-    // A short loop is gone through, and what comes then is found.
+    // A short loop is executed, and mistakes after it are found.
     let found = errors("o1 repeat [50]\nG1 X?\no1 endrepeat\nG0 Y?\nM2\n");
     assert_eq!(found.iter().map(|error| error.line).collect::<Vec<_>>(), [2, 4]);
 }
@@ -152,14 +152,14 @@ fn rendered_errors_have_no_stray_line_and_true_columns() {
         let shown = found[0].render("part.ngc");
         assert!(!shown.contains(":::"), "{shown}");
         assert!(shown.contains(&format!("part.ngc:1:{}", blanks + 6)), "{shown}");
-        // The mark stands below the word.
+        // The mark is below the word.
         let lines: Vec<&str> = shown.lines().collect();
         let source = lines.iter().position(|line| line.contains("Q7")).unwrap();
         assert_eq!(lines[source].find("Q7"), lines[source + 1].find("^^"), "{shown}");
     }
 }
 
-/// A move that is refused leaves the place and the mode that the lines behind it were written for.
+/// A rejected move leaves position and mode unknown for the lines after it.
 #[test]
 fn a_refused_move_gives_no_errors_behind_it() {
     let cases = [
@@ -167,7 +167,7 @@ fn a_refused_move_gives_no_errors_behind_it() {
         "G0 X0 Y0\nG1 X10\nG2 X20 Y10 I3 J0\nG2 X30 Y0 I0 J-10\nG1 X0 Y0\nG2 X10 Y10 I10 J0\n",
         "G91\nG1 X10\nG2 X10 Y10 I3 J0\nX10 Y-10 I0 J-10\nG1 X1\n",
         "G1 X10\nG20 G2 X2 Y1 I.1 J0\nG2 X3 Y0 I0 J-1\n",
-        // A contour in a tool's radius that leaves no room, then the arc that follows it and the way out.
+        // A contour that is too narrow for the tool, then the arc that follows it and the exit move.
         "G1 X-60 Y0\nG41.1 D10\nX-40\nX0 Y0\nG2 X2.232 Y2.660 I8.660 J-5\nG1 X-3 Y32.2\n\
          G3 X-13 Y42.2 I-10 J0\nG40 X-30 Y32.2\nG1 X0 Y0\n",
         // An arc in the plane that the line would have set.
@@ -182,18 +182,18 @@ fn a_refused_move_gives_no_errors_behind_it() {
     }
 }
 
-/// What an earlier error does not explain is reported all the same.
+/// Errors that an earlier one does not explain are all reported.
 #[test]
 fn errors_of_their_own_are_all_reported() {
     let cases: [(&str, &[u32]); 6] = [
-        // The refused lines leave the mode as it is.
+        // The rejected lines do not change the mode.
         ("G1 X0\nG1 X5 Q1\nG1 Z1 E5\nX20 Q2\n", &[3, 4, 5]),
         ("G4\nX20 Q2\nG41 D-1\n", &[2, 3, 4]),
         // No assignment was refused.
         ("G1 X?\nG1 X#<b>\n", &[2, 3]),
-        // The place is known again.
+        // The position is known again.
         ("G2 X20 Y10 I3 J0\nG1 X0 Y0\nG2 X20 Y10 I3 J0\n", &[2, 4]),
-        // Its own code.
+        // The line has its own code.
         ("G1 X? \nG2 X10\n", &[2, 3]),
         ("G1 X1 F?\nG1 X2 F100\nF0\nG1 X3\n", &[2, 5]),
     ];

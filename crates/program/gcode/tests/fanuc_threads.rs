@@ -1,9 +1,10 @@
-//! G32 and G92 as Fanuc's lathes read them, where the machine file asks for that.
+//! G32 and G92 of Fanuc's lathes, if the machine file enables them.
 
 use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, MachineFeatures, Settings};
 use evolvent_path::Curve;
 
-/// A thread or rapid: from, to (X radius, Z), path per turn, angle, where the tool is clear.
+/// A thread or rapid: from, to (X radius, Z), path per revolution, angle, position at which the tool is
+/// clear.
 type Way = ([f64; 2], [f64; 2], Option<(f64, f64, Option<f64>)>);
 
 fn read(program: &str, fanuc_threads: bool) -> (Vec<Way>, Vec<Diagnostic>) {
@@ -55,7 +56,7 @@ fn g32_has_the_lead_of_its_longer_axis_and_goes_on_with_it() {
     let (from, to, thread) = ways[2];
     assert_eq!((from, to), ([15.0, -20.0], [17.0, -22.0]));
     let (pitch, degrees, _) = thread.unwrap();
-    // Both axes go 2 mm, so each goes 1.5 mm a turn.
+    // Both axes move by 2 mm, so each moves by 1.5 mm per revolution.
     assert!((pitch - 1.5 * length / 2.0).abs() < 1e-12, "{pitch}");
     assert_eq!(degrees, 90.0);
 }
@@ -65,7 +66,7 @@ fn g92_is_a_box_for_each_depth_and_comes_back_to_where_it_began() {
     let program = format!("{HEAD}G92 X14.5 Z-20 R-1 F2\nX14.2\nG0 X20\nM2\n");
     let (ways, errors) = read(&program, true);
     assert_eq!(errors, []);
-    // The lead counts along Z, whatever the taper.
+    // The lead refers to Z, for any taper.
     let taper = 2.0 * 626.0_f64.sqrt() / 25.0;
     for (pass, depth) in [14.5, 14.2].into_iter().enumerate() {
         let four = &ways[1 + 4 * pass..5 + 4 * pass];

@@ -1,4 +1,4 @@
-//! Subroutines, loops, restart: what holds whatever the program.
+//! Properties of subroutines, loops and restart for any program.
 
 use std::io::Read;
 use std::sync::Arc;
@@ -103,14 +103,14 @@ fn bodies_take_no_more_memory_than_allowed() {
             &program[..12]
         );
     }
-    // The same outside of bodies is no matter, nor is what a condition leaves out.
+    // The same outside of bodies is valid, and so is a branch that is not taken.
     assert_eq!(
         interpret(&format!("O1 if [0]\n{long}O1 else\n{long}O1 endif"), settings).1,
         []
     );
 }
 
-/// Gives a line again and again, and counts what has been taken.
+/// Returns a line repeatedly, and counts how often.
 struct Endless<'a>(&'a std::cell::Cell<usize>);
 
 impl Read for Endless<'_> {
@@ -224,7 +224,7 @@ fn parameters_and_tools_can_be_kept_from_run_to_run() {
     assert_eq!((second.position()[0], second.position()[2]), (2.5, 3.0));
 }
 
-/// Blocks of MDI and programs begin with the tool of the one before.
+/// MDI blocks and programs start with the tool of the previous one.
 #[test]
 fn parameters_have_the_tool_in_the_spindle_from_the_first_line() {
     let mut tool = Tool::new(5);
@@ -242,8 +242,7 @@ fn parameters_have_the_tool_in_the_spindle_from_the_first_line() {
     );
 }
 
-/// A machine of LinuxCNC in inches: the unit at the start is G20, and #5161 to #5410 are in inches in G21
-/// too.
+/// A LinuxCNC machine in inches: the unit at the start is G20, and #5161 to #5410 are in inches in G21 too.
 #[test]
 fn parameters_of_a_machine_in_inches_are_in_inches_and_kept_in_mm() {
     let mut tool = Tool::new(5);
@@ -383,7 +382,7 @@ fn a_restart_approach_is_up_over_and_down() {
         ]
     );
     assert_eq!(approach.told.last().unwrap(), "Z to -2.000, at 600.0 mm/min");
-    // A lathe leaves along X.
+    // A lathe retracts along X.
     let approach = restart.approach(&Axes::zeros(), AxisLetter::X, 20.0).unwrap();
     assert_eq!(approach.told[0], "X to 20.000, rapid");
     assert_eq!(approach.told[1], "Y to 4.000, Z to -2.000, rapid");
@@ -407,7 +406,7 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
         Err((Code::UnexpectedCharacter, 2))
     );
     assert!(refused("G0 X1\nX3\n", 1).is_ok());
-    // The line of a tool change behind a contour, and behind tools that were measured in their change.
+    // The line of a tool change after a contour, and after tools that were measured in their change.
     assert!(refused("F1\nG41.1 D2\nG1 X5\nX9\nG40\nG0 Z9\nM5\nM2\n", 7).is_ok());
     let settings = Settings {
         features: MachineFeatures {
@@ -426,7 +425,7 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
         restart.map(|restart| restart.actions),
         Ok(vec![Action::ChangeTool(2)])
     );
-    // A contact that nobody knows: in the program, and in a subroutine.
+    // An unknown contact: in the program, and in a subroutine.
     let probing = "G0 Z10\nG38.2 Z-40 F100\nG10 L20 P1 Z0\nG0 Z10\n";
     assert_eq!(
         refused(&format!("{probing}G0 X1\nM2\n"), 5),
@@ -438,7 +437,7 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
         Err(Code::RestartRefused)
     );
     assert!(refused(&format!("{probing}G0 X1\nM2\n"), 2).is_ok());
-    // Loops before the line that never end, with and without something to do.
+    // Endless loops before the line, with and without commands.
     for body in ["G0 X1\nG0 X0\n", "#1=[#1+1]\n"] {
         let program = format!("O1 while [1]\n{body}O1 endwhile\nG0 X5\n");
         let settings = Settings {
@@ -485,7 +484,7 @@ fn a_restart_inside_a_subroutine_tells_where_to_start_instead() {
             error.help.unwrap_or_default().to_string(),
         )
     };
-    // Before its call it is not reached; inside the call it would lack the arguments.
+    // It is not reached before its call; inside the call the arguments would be missing.
     let program = "G21\no<hole> sub\nG0 X1\nG0 X#1\no<hole> endsub\no<hole> call [5]\nG0 X9\nM2\n";
     for line in 3..=5 {
         let (message, help) = refused(program, line);
@@ -505,7 +504,7 @@ fn a_restart_inside_a_subroutine_tells_where_to_start_instead() {
     assert!(help.contains("M98 P"), "{help}");
 }
 
-/// A piece begins at the angle at which the piece before has ended, not at one of its own: started there it
+/// A section of a thread starts at the angle at which the previous section ended, not at its own: alone it
 /// would cut beside its groove.
 #[test]
 fn a_restart_inside_a_chain_of_threads_is_refused() {
@@ -533,16 +532,16 @@ fn a_restart_inside_a_chain_of_threads_is_refused() {
     }
 }
 
-/// Moves must chain, whatever lines fail between them. Found by damaging programs.
+/// Moves must be contiguous, whatever lines fail between them. Found by damaging programs.
 #[test]
 fn a_faulty_line_restores_the_held_moves() {
     for program in [
         // The call fails after the move of its line.
         "M98 P1 G0 X1\nG1 F9 X2 Y3",
-        // The move has cut off the one before it, inside a corner.
+        // The move has trimmed the previous one, inside a corner.
         "F100\nG0 X5 Y5\nG41.1 D2\nG1 X0 Y5\nY0\nX10\nY10\nM98 P1 X0\nY5\nG40 G1 X5 Y5",
         "G18 F100\nG0 X-5 Z-5\nG41.1 D2\nG1 X0 Z0\nZ10\nM72 X10\nZ0\nG40 X-5",
-        // Nothing but moves in the plane is compensated.
+        // Only moves in the plane are compensated.
         "S100 M3 F100\nG41.1 D1\nG1 X5\nY20\nG33 X0 Z-2 K1\nX10\nG40 X0",
     ] {
         let mut position = Settings::default().start;

@@ -1,4 +1,5 @@
-//! What programs mean: one test a rule of RS274/NGC (NISTIR 6556, chapter 3), figures by hand.
+//! Meaning of programs: one test per rule of RS274/NGC (NISTIR 6556, chapter 3), with values computed by
+//! hand.
 
 use evolvent_gcode::{
     Action, Command, Interpreter, Move, MoveKind, PathMode, Settings, SpindleDirection as Turn, StartOffsets,
@@ -56,7 +57,7 @@ fn assert_near(found: f64, expected: f64) {
     assert!(near(found, expected), "{found} instead of {expected}");
 }
 
-/// Distance of every point of a curve from a centre in the XY plane.
+/// Distances of points of a curve from a centre in the XY plane.
 fn radii(curve: &Curve, centre: [f64; 2]) -> Vec<f64> {
     (0..=16)
         .map(|step| curve.position(curve.domain() * f64::from(step) / 16.0))
@@ -190,20 +191,20 @@ fn machine_coordinates_leave_offsets_out_for_one_line() {
 fn g92_makes_the_present_point_what_it_says() {
     // Machine 1 is X5 now, so X0 is machine -4.
     assert_eq!(first_axis("G92 X5\nG0 X0"), [-4.0]);
-    // Its kin: clear, suspend, restore.
+    // Related codes: clear, suspend, restore.
     assert_eq!(first_axis("G92 X5\nG92.1\nG0 X0"), [10.0]);
     assert_eq!(
         first_axis("G92 X5\nG92.2\nG0 X0\nG92.3 X0\nG92.2\nG92.3\nX1"),
         [10.0, -4.0, -3.0]
     );
-    // On top of a work offset, and kept when that changes: offset -14 goes with G55 too.
+    // Added to a work offset, and kept when that changes: offset -14 applies with G55 too.
     assert_eq!(first_axis("G92 X5\nG55 G0 X0"), [6.0]);
     // In inches.
     assert_eq!(first_axis("G20\nG92 X1\nG21\nG0 X25.4\nX26.4"), [2.0]);
     // Axes that are not named keep their offset: Y0 is machine -4.
     let kept = moves_with("G92 X5 Y5\nG92 X6\nG0 Y0", offsets());
     assert_eq!(kept[0].curve.end()[1], -4.0);
-    // A second G92 counts from the first.
+    // A second G92 is relative to the first.
     assert_eq!(first_axis("G92 X5\nG92 X6\nG0 X6 Y-20\nX7"), [1.0, 2.0]);
 }
 
@@ -260,7 +261,7 @@ fn full_circles_and_turns() {
 
 #[test]
 fn inexact_increments_still_make_a_full_circle() {
-    // 253.2 + 2.9 - 256.1 is not 0 in doubles, so in one of the two senses the way is 1e-14 mm.
+    // 253.2 + 2.9 - 256.1 is not 0 in doubles, so in one of the two senses the path is 1e-14 mm.
     for sense in ["G2", "G3"] {
         let found = moves(&format!("G91 G0 Y253.2\nY2.9\nY-256.1\nG90 F60 {sense} Y0 I5"));
         assert_ne!(found[2].curve.end()[1], 0.0);
@@ -324,7 +325,7 @@ fn near_the_semicircle_radius_format_is_robust() {
 
 #[test]
 fn arcs_rounded_to_0_01_mm_are_accepted() {
-    // Radius 10 at 30 degrees, all figures rounded to 0.01: 8.66, 5.00.
+    // Radius 10 at 30 degrees, rounded to 0.01: 8.66, 5.00.
     let curve = moves("G0 X10\nF60 G3 X8.66 Y5 I-10")[1].curve;
     assert_eq!(xyz(&curve.end()), [8.66, 5.0, 0.0]);
     // LinuxCNC's tolerance is 2 * 0.01 * sqrt(2) = 0.0283 in mm: 0.028 passes, 0.029 not.
@@ -335,7 +336,7 @@ fn arcs_rounded_to_0_01_mm_are_accepted() {
     assert_eq!(moves("F60 G2 X2000.9 I1000").len(), 1);
 }
 
-/// A point of the involute of a circle about the origin, from the definition: the taut thread's end.
+/// A point of the involute of a circle about the origin, by definition: the end of a taut string.
 fn involute(r: f64, phi: f64, turned: f64) -> [f64; 2] {
     let (sin, cos) = (phi + turned).sin_cos();
     [r * (cos + phi * sin), r * (sin - phi * cos)]
@@ -375,7 +376,7 @@ fn involutes_match_their_definition_in_every_plane() {
 
 #[test]
 fn involutes_work_in_all_modes() {
-    // Mirrored at the X axis and run outwards it is clockwise.
+    // Mirrored at the X axis and traversed outwards, it is clockwise.
     let (start, end) = (involute(2.0, 1.0, 0.0), involute(2.0, 7.0, 0.0));
     let program = format!(
         "F60\nG0 X{} Y{}\nG91.1 G2.2 X{} Y{} Z5 I{} J{} R2",
@@ -384,7 +385,7 @@ fn involutes_work_in_all_modes() {
     let out = moves(&program)[1].curve;
     assert_near(out.end()[2], 5.0);
     assert_near(out.length(), 48.0_f64.hypot(5.0));
-    // Back inwards: the thread winds up and the direction of motion turns the other way.
+    // Inwards: the string winds up, and the direction of motion rotates the other way.
     let program = format!(
         "{program}\nG90.1 G3.2 X{} Y{} Z0 I{} J{} R2",
         start[0], -start[1], -end[0], end[1]
@@ -573,7 +574,7 @@ fn block_delete_leaves_lines_out_only_where_it_is_on() {
         ..Settings::default()
     };
     assert_eq!(moves_with(program, settings).len(), 2);
-    // What is left out may be anything.
+    // A skipped line may contain anything.
     assert_eq!(moves("/ [?\nG0 X2").len(), 1);
 }
 
@@ -605,7 +606,7 @@ fn commands_carry_the_physical_line() {
 
 #[test]
 fn the_program_is_read_lazily() {
-    // An endless program: whoever reads ahead never comes back.
+    // An endless program: an interpreter that reads ahead would not return.
     let endless = std::io::BufReader::new(std::io::Read::chain(&b"G91 G1 F60\n"[..], Endless));
     let mut interpreter = Interpreter::new(endless, Settings::default());
     for count in 1..=1000 {
@@ -642,13 +643,13 @@ fn x_of_g43_1_is_a_diameter_by_the_mode_of_its_line() {
 fn a_tool_is_measured_in_a_rotated_system() {
     let (sin, cos) = 30.0_f64.to_radians().sin_cos();
     let turned = |x: f64, y: f64| [cos * x - sin * y, sin * x + cos * y];
-    // X1 Y2 of the machine in the turned coordinates.
+    // X1 Y2 of the machine in rotated coordinates.
     let (x, y) = (cos + 2.0 * sin, 2.0 * cos - sin);
     for (measured, [x, y]) in [
         ("G10 L10 P4 X1", turned(4.0, 0.0)),
         ("G10 L10 P4 X1 Y3", turned(4.0, -1.0)),
         ("G10 L10 P4 Z1", [0.0, 0.0]),
-        // The word that is missing stays as it is in these coordinates.
+        // The missing word keeps its value in these coordinates.
         ("G10 L1 P4 X1 Y2\nG10 L10 P4 X1", turned(4.0, y)),
         ("G10 L1 P4 X1 Y2\nG10 L10 P4 Y1", turned(x, 1.0)),
         ("G10 L1 P4 X1 Y2", [1.0, 2.0]),
@@ -658,7 +659,7 @@ fn a_tool_is_measured_in_a_rotated_system() {
         assert_near(found[0], x);
         assert_near(found[1], y);
     }
-    // By G59.3, which is turned by 30 degrees too, and the work by more.
+    // Relative to G59.3, which is rotated by 30 degrees; the work is rotated by more.
     let program = "G10 L2 P9 R30\nG10 L2 P1 R50\nG53 G0 X5 Y2\nG10 L11 P4 X1 Y2\nG43 H4\nG59.3 G0 X1 Y2 Z1";
     let found = ends(program);
     assert_near(found[1][0], 5.0);

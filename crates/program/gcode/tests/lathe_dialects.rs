@@ -1,4 +1,4 @@
-//! Lines of other lathes: none runs as something else without a word.
+//! Lines of other lathes: none is executed with another meaning without a warning.
 
 use evolvent_gcode::{Action, MachineFeatures, Settings};
 
@@ -31,7 +31,7 @@ pub(crate) fn on_lathe(program: &str) -> (Told, Told) {
 
 #[test]
 fn valid_lines_of_other_lathes_do_not_run_as_something_else() {
-    // Program, whether it is an error, line, what is said.
+    // Program, whether it is an error, line, parts of the message.
     let start = "G18 G21 G0 X40 Z2\n";
     for (text, is_error, line, parts) in [
         (
@@ -130,7 +130,7 @@ fn lines_of_this_dialect_on_a_lathe_are_not_warned_of() {
         let (warnings, errors) = on_lathe(&format!("G17 G21 G0 X40 Z2\n{text}M2\n"));
         assert_eq!((warnings, errors), (vec![], vec![]), "{text}");
     }
-    // G90 and G94 on mills are modes only.
+    // On mills G90 and G94 only set modes.
     let (commands, errors) = interpret(
         "G0 X1\nG90 X2 Z3 F100\nG99\nT0101\nG92 X1 F100\n",
         Settings::default(),
@@ -145,8 +145,8 @@ fn lines_of_this_dialect_on_a_lathe_are_not_warned_of() {
 
 #[test]
 fn lines_of_other_controls_are_told_what_to_write() {
-    // Text of the line, what it is, what to write; on a lathe in G18, as on a mill unless its cure is of
-    // lathes.
+    // Text of the line, its meaning, the replacement. On a lathe in G18, and on a mill unless the replacement
+    // is for lathes.
     for (text, means, write) in [
         (
             "G83 Z-20 R2 Q5 F100",

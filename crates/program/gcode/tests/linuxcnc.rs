@@ -1,4 +1,4 @@
-//! LinuxCNC's own programs, its tests and its samples, in both interpreters at once.
+//! LinuxCNC's own test and sample programs, in both interpreters.
 //!
 //! `tools/test` fetches them (`tools/get-linuxcnc`) and sets EVOLVENT_LINUXCNC to their folder.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
@@ -6,9 +6,9 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Folders whose programs need what is configured outside of them: remapped codes, panels, machines.
+/// Folders whose programs need external configuration: remapped codes, panels, machines.
 const CONFIGURED: [&str; 4] = ["remap", "gladevcp", "macros", "plasmac"];
-/// A release has about 400; far fewer were lost on the way.
+/// A release has about 400; with far fewer, some were lost.
 const FEWEST: usize = 300;
 
 fn collect_programs(folder: &Path, found: &mut Vec<PathBuf>) {

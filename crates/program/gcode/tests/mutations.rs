@@ -1,14 +1,14 @@
-//! Real programs damaged at random: the interpreter neither panics nor hangs, and whatever it hands out is
-//! sound.
+//! Real programs with random damage: the interpreter neither panics nor hangs, and its output is always
+//! valid.
 //!
-//! The corpus are the programs of `tests/programs`. A seed is printed; `EVOLVENT_SEED` and `EVOLVENT_CASES`
-//! choose another run and how long it is:
-//! `EVOLVENT_CASES=10000000 cargo test --release -p evolvent-gcode --test all mutations`.
+//! The corpus consists of the programs of `tests/programs`. The seed is printed; `EVOLVENT_SEED` and
+//! `EVOLVENT_CASES` select another run and its length: `EVOLVENT_CASES=10000000 cargo test --release -p
+//! evolvent-gcode --test all mutations`.
 
 use evolvent_gcode::{Action, Interpreter, MachineFeatures, ProgramLimits, Settings, ToolTable};
 use evolvent_random::{Random, cases, seed, seed_of_time};
 
-/// What programs consist of, to be put anywhere.
+/// Fragments of programs, to be inserted anywhere.
 const DICTIONARY: &[&str] = &[
     "G0",
     "G1 ",
@@ -175,7 +175,7 @@ const DICTIONARY: &[&str] = &[
     "\u{e4}",
 ];
 
-/// Damages a program in a few places.
+/// Damages a program at a few positions.
 fn damage(program: &mut Vec<u8>, other: &[u8], random: &mut Random) {
     for _ in 0..=random.below(4) {
         let place = random.below(program.len() + 1);
@@ -191,7 +191,7 @@ fn damage(program: &mut Vec<u8>, other: &[u8], random: &mut Random) {
                 drop(program.drain(place..end));
             }
             3 => {
-                // Another program's piece.
+                // A piece of another program.
                 let from = random.below(other.len());
                 let to = (from + random.below(80)).min(other.len());
                 drop(program.splice(place..place, other[from..to].iter().copied()));
@@ -210,7 +210,7 @@ fn damage(program: &mut Vec<u8>, other: &[u8], random: &mut Random) {
                 drop(program.splice(start..start, line));
             }
             5 => {
-                // Another figure.
+                // Another digit.
                 if let Some(byte) = program.get_mut(place)
                     && byte.is_ascii_digit()
                 {
@@ -225,7 +225,7 @@ fn damage(program: &mut Vec<u8>, other: &[u8], random: &mut Random) {
     }
 }
 
-/// Runs a program; what is wrong with what comes out.
+/// Runs a program; returns what is wrong with its output.
 fn check(program: &[u8], settings: &Settings) -> Option<String> {
     let mut position = settings.start;
     let mut moves = 0;
@@ -314,7 +314,7 @@ fn damaged_programs_neither_panic_nor_hang() {
     };
     let (seed, cases) = (seed(seed_of_time()), cases(8000) as u64);
     for case in 0..cases {
-        // Each case has a seed of its own, so that it can be run alone.
+        // Each case has its own seed, so that it can be run alone.
         let mut random = Random::mixed(seed.wrapping_add(case));
         let mut program = corpus[random.below(corpus.len())].clone();
         let other = &corpus[random.below(corpus.len())];

@@ -1,5 +1,5 @@
 //! Errors of O-words: one for each mistake, in the order of lines, with the word and the line with which its
-//! block begins.
+//! block starts.
 
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Settings};
 
@@ -12,7 +12,7 @@ fn only_error(program: &str) -> Diagnostic {
     errors.remove(0)
 }
 
-/// One program with a mistake, the line of its only error, and what the message names.
+/// A program with one mistake, the line of its only error, and parts of the message.
 fn is_one_error(program: &str, line: u32, named: &[&str]) {
     let error = only_error(program);
     assert_eq!(error.line, line, "{program}: {error:?}");
@@ -214,7 +214,7 @@ fn a_subroutine_file_without_its_subroutine_names_what_is_missing() {
 
 #[test]
 fn a_percent_inside_an_open_block_is_an_error_in_its_line() {
-    // What is open at the % is missing its end, whether its lines are executed, skipped or collected.
+    // A block that is open at the % lacks its end, whether its lines are executed, skipped or collected.
     for (open, named) in [
         ("#1=0\no100 while [#1 LT 3]\n#1=[#1+1]\n", "O<100> endwhile"),
         ("#1=0\no100 while [#1 GT 3]\n#1=[#1+1]\n", "O<100> endwhile"),
@@ -226,7 +226,7 @@ fn a_percent_inside_an_open_block_is_an_error_in_its_line() {
         is_one_error(&format!("%\n{open}%\n"), 5, &["the text ends", named]);
     }
     is_one_error("%\no100 sub\n#1=1\n%\n", 3, &["the text ends", "O<100> endsub"]);
-    // A block that is complete ends with it, and so do the lines after it.
+    // If all blocks are complete, the % ends the program, and the lines after it are not read.
     let (commands, errors) = interpret(
         "%\no1 repeat [2]\nG0 X1\no1 endrepeat\n%\nG0 X?\n",
         Settings::default(),
@@ -238,7 +238,7 @@ fn a_percent_inside_an_open_block_is_an_error_in_its_line() {
     ));
 }
 
-/// The warnings of a program without errors: line and text. Its last command is its end.
+/// The warnings of a program without errors: line and text. The last command is the end.
 fn warnings(program: &str, settings: Settings) -> Vec<(u32, String)> {
     let (commands, errors) = interpret(program, settings);
     assert_eq!(errors, [], "{program}");
@@ -263,7 +263,7 @@ fn what_is_open_at_m2_and_never_ends_is_warned_of() {
         ("o1 if [1]", "endif"),
     ] {
         let begin = block.split(' ').nth(1).unwrap();
-        // The same number again is another block.
+        // A repeated number is another block.
         let another = "o1 repeat [2]\nG0 X3\no1 endrepeat\no1 if [1]\no1 endif\n";
         for rest in [
             "",

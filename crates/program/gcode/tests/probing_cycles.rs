@@ -1,4 +1,4 @@
-//! The shipped probing cycles against surfaces of space: a ball on a stylus that stops a little behind each
+//! The shipped probing cycles on simulated surfaces: a ball on a stylus that stops shortly after each
 //! contact.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
@@ -10,17 +10,17 @@ use evolvent_random::Random;
 
 use crate::interpreted::errors;
 
-/// How far the ball goes on after contact, mm.
+/// Distance that the ball moves after contact, mm.
 const OVERTRAVEL: f64 = 0.08;
 
-/// The distance from a point to a surface, below 0 inside of it.
+/// The distance from a point to a surface, negative inside of it.
 type Surface = Box<dyn Fn(&[f64; 3]) -> f64>;
 
-/// Where a program has come to.
+/// The result of a program.
 struct Probed {
     error: Option<Diagnostic>,
     contacts: usize,
-    /// Whether the ball was in the part in a move that does not probe, mm.
+    /// Maximum depth of the ball in the part during a move that does not probe, mm.
     deepest: f64,
     end: Axes,
     values: Vec<f64>,
@@ -76,7 +76,7 @@ fn probe_on(settings: Settings, program: &str, radius: f64, surface: &Surface) -
                     let at = step.curve.position(length * f64::from(k) / 200.0);
                     probed.deepest = probed.deepest.max(radius - surface(&xyz(&at)));
                 }
-                // Back from a contact the ball is still in it by the overtravel.
+                // After a contact the ball is still in the part by the overtravel.
                 probed.end = step.curve.end();
             }
             Action::Probe { curve, .. } => {
@@ -148,7 +148,7 @@ fn probing_cycles_work_in_all_units_and_modes() {
         let start = [corner[0] - signs[0] * 10.0, corner[1] - signs[1] * 10.0, 0.0];
         let (code, unit) = either(&mut random, ("G21", 1.0), ("G20", 25.4));
         let way = either(&mut random, "G90", "G91");
-        // Ways and results are radii, also in G7.
+        // Paths and results are radii, also in G7.
         let radius = either(&mut random, "G7", "G8");
         let zero = [0, 1].map(|_| random.between(-20.0, 20.0));
         let words = [signs[0] * 20.0, signs[1] * 20.0, tip, 200.0, 30.0, 1.0]
@@ -214,7 +214,7 @@ fn bores_and_bosses_are_found_from_off_their_centres() {
 
 #[test]
 fn a_tool_is_as_long_as_it_is() {
-    // The tip of a tool of 73.25 mm touches a sensor at which the spindle itself would stand at Z-200.
+    // The tip of a tool of 73.25 mm touches a sensor whose height the spindle itself would reach at Z-200.
     let surface: Surface = Box::new(|at| at[2] - (-200.0 + 73.25));
     for (offset, code) in [("", "G21"), ("G10 L2 P1 Z-31\n", "G20"), ("G92 Z4\n", "G21")] {
         let program = format!(
@@ -234,7 +234,7 @@ fn a_tool_is_as_long_as_it_is() {
     }
 }
 
-/// During the change #5400 is still the tool before.
+/// During the change #5400 is still the previous tool.
 #[test]
 fn a_tool_that_is_being_fetched_is_measured_for_its_own_line() {
     let surface: Surface = Box::new(|at| at[2] - (-200.0 + 73.25));
@@ -310,6 +310,6 @@ fn what_is_not_found_or_wrong_is_told_by_the_cycle() {
 fn a_probe_to_where_an_unanswered_one_ends_is_no_error() {
     let found = errors("F100 G90\nG38.3 Z-5\nG38.5 Z-5\nG38.3 X2\nG38.5 X2\n");
     assert!(found.is_empty(), "{found:?}");
-    // Where nothing was probed it is one.
+    // Without a probing move before, it is an error.
     assert_eq!(errors("F100 G90\nG0 Z-5\nG38.5 Z-5\n").len(), 1);
 }

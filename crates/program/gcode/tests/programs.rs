@@ -1,4 +1,4 @@
-//! The programs that ship are right and stay within the travel of the mill that they were written for.
+//! The shipped programs are valid and stay within the travel of their mill.
 
 use std::path::Path;
 

@@ -1,6 +1,6 @@
-//! Random programs: nonsense never brings the interpreter down, sense comes through unchanged.
+//! Random programs: invalid ones never make the interpreter fail, and valid ones are interpreted exactly.
 //!
-//! Each test prints its seed when it fails; set `EVOLVENT_SEED` to run it again.
+//! Each test prints its seed when it fails; set `EVOLVENT_SEED` to repeat it.
 
 use evolvent_gcode::{Action, Interpreter, ProgramLimits, Settings, StartOffsets};
 use evolvent_path::Axes;
@@ -28,7 +28,7 @@ fn runner(cases: u32, seed: u64) -> TestRunner {
     TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &bytes))
 }
 
-/// Runs a program to its end: everything handed out is finite and in order, every error has a place.
+/// Runs a program to its end: all output is finite and in order, and every error has a position.
 fn survive(program: &[u8]) -> Result<usize, TestCaseError> {
     let mut moves = 0;
     let lines = program.iter().filter(|byte| **byte == b'\n').count() + 1;
@@ -88,7 +88,7 @@ fn arbitrary_bytes_never_panic_and_always_end() {
         .unwrap();
 }
 
-/// Pieces of real programs thrown together.
+/// Random mixtures of pieces of real programs.
 fn soup() -> impl Strategy<Value = String> {
     let codes = [
         "G0", "G1", "G2", "G3", "G2.2", "G3.2", "G4", "G17", "G18", "G19", "G20", "G21", "G53", "G54",
@@ -137,7 +137,7 @@ fn words_thrown_together_never_panic_and_moves_chain() {
             Ok(())
         })
         .unwrap();
-    // The soup is worth something only if part of it is understood.
+    // The mixture is useful only if part of it is valid.
     assert!(moves.get() > 3000, "only {} moves", moves.get());
 }
 
@@ -148,7 +148,7 @@ struct Step {
     inches: bool,
     offset: usize,
     machine: bool,
-    /// In thousandths of a program unit, so that text holds the number exactly.
+    /// In thousandths of a program unit, so that the text represents the number exactly.
     words: [Option<i32>; 9],
     blanks: bool,
     lower: bool,

@@ -1,10 +1,10 @@
-//! Programs and what LinuxCNC 2.9's interpreter makes of them, stored by `tools/compare-rs274 --store`.
+//! Programs and the results of LinuxCNC 2.9's interpreter for them, stored by `tools/compare-rs274 --store`.
 //!
-//! `tests/programs/NAME.ngc` is a program of ours, `NAME.canon` what `rs274 -g` says to it: an event a line,
-//! and after ` | ` how far its figures may be off, because rs274 prints four decimals of the unit in force.
-//! Errors are equal where both refuse the same line and all events before it are equal; rs274 may have done a
-//! part of the refused line itself. `known.txt` names the programs that differ, and why; `earlier.txt` those
-//! that are refused here at an earlier line.
+//! `tests/programs/NAME.ngc` is a program, `NAME.canon` the output of `rs274 -g` for it: one event per line,
+//! and after ` | ` the tolerance of its numbers, because rs274 prints four decimals of the active unit.
+//! Errors are equal if both interpreters reject the same line and all events before it are equal; rs274 may
+//! have executed part of the rejected line. `known.txt` lists the programs that differ, and why;
+//! `earlier.txt` those that are rejected here at an earlier line.
 
 #[path = "common/canon.rs"]
 mod canon;
@@ -13,10 +13,10 @@ use std::path::Path;
 
 use evolvent_gcode::{MachineFeatures, Settings, ToolTable};
 
-/// Ours has six decimals.
+/// Our output has six decimals.
 const OURS_MM: f64 = 0.6e-6;
 
-/// An event's words, and how far its figures may be off: mm, degrees, mm/min.
+/// An event's words, and the tolerance of its numbers: mm, degrees, mm/min.
 fn split(line: &str) -> (Vec<&str>, [f64; 3]) {
     let (text, slack) = line.split_once(" | ").unwrap_or((line, ""));
     let mut limits = [1e-6, 1e-6, 1e-4];
@@ -26,7 +26,7 @@ fn split(line: &str) -> (Vec<&str>, [f64; 3]) {
     (text.split(' ').collect(), limits)
 }
 
-/// Whether two events are equal, figure by figure. In cycles corners are exact here, where rs274 blends.
+/// Whether two events are equal, number by number. In cycles corners are exact here, where rs274 blends.
 fn same(theirs: &str, ours: &str, cycles: bool) -> bool {
     let ((mut left, slack), (mut right, _)) = (split(theirs), split(ours));
     let blended = left.len().checked_sub(3).filter(|place| left[*place] == "blend");
@@ -56,7 +56,7 @@ fn same(theirs: &str, ours: &str, cycles: bool) -> bool {
         })
 }
 
-/// Whether an event is a move that is none in four decimals.
+/// Whether an event is a move that vanishes in four decimals.
 fn is_still(lines: &[String], index: usize, slack: f64) -> bool {
     let place = |index: usize| -> Option<Vec<f64>> {
         let (words, _) = split(lines.get(index)?);
@@ -72,21 +72,21 @@ fn is_still(lines: &[String], index: usize, slack: f64) -> bool {
     }
 }
 
-/// How two interpretations of a program relate.
+/// The relation of two interpretations of a program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Relation {
     Equal,
-    /// Equal up to this line, which is refused here; rs274 refuses a later one.
+    /// Equal up to this line, which is rejected here; rs274 rejects a later one.
     Earlier(u32),
     /// The first difference.
     Different(String),
 }
 
-/// Moves that a hole takes, at most, with every kind of cycle except pecking.
+/// Maximum number of moves per hole, in any cycle except pecking.
 const MOVES_OF_HOLE: usize = 12;
 
-/// Whether rs274 may have caused these events by a part of a line that it then refuses: a move comes last in
-/// a line and is whole or not at all, except those of a cycle.
+/// Whether rs274 may have produced these events from part of a line that it then rejects: a move is the last
+/// event of a line and is complete or absent, except in a cycle.
 fn is_part_of_line(events: &[String], program: &str, line: u32) -> bool {
     let lines: Vec<_> = program.lines().take(line as usize).collect();
     let text = lines.last().copied().unwrap_or_default();
@@ -104,7 +104,7 @@ fn is_part_of_line(events: &[String], program: &str, line: u32) -> bool {
     moves <= most && events.len() - moves <= words
 }
 
-/// How ours relates to rs274's, for a program with this text.
+/// The relation of our events to those of rs274, for a program with this text.
 fn relation(theirs: &[String], ours: &[String], program: &str) -> Relation {
     let cycles = has_cycle(program);
     let (mut a, mut b) = (0, 0);
@@ -112,12 +112,12 @@ fn relation(theirs: &[String], ours: &[String], program: &str) -> Relation {
         let event =
             |list: &[String], index: usize| list.get(index).map_or("(nothing)", |line| line).to_owned();
         let (left, right) = (event(theirs, a), event(ours, b));
-        // How a program ends without M2 is not compared.
+        // The end of a program without M2 is not compared.
         if left == "end" && (right == "end" || right.starts_with("spindle stop") || right == "coolant 0 0") {
             return Relation::Equal;
         }
         if right.starts_with("error") {
-            // Here a line counts as a whole or not at all: rs274 may have done a part of it.
+            // Here a line is executed completely or not at all; rs274 may have executed part of it.
             let last = theirs.last().map_or("", |line| line);
             let line = |text: &str| text.split(' ').nth(1).and_then(|word| word.parse::<u32>().ok());
             let refused = line(last).filter(|_| last.starts_with("error"));
@@ -162,7 +162,7 @@ fn has_cycle(program: &str) -> bool {
     codes.any(cycle)
 }
 
-/// A program that is refused here at an earlier line: its name and that line. The reason follows.
+/// A program that is rejected here at an earlier line: its name and that line. The reason follows.
 fn refused_earlier(line: &str) -> Option<(&str, u32)> {
     let (name, rest) = line.split_once(':').filter(|_| !line.starts_with('#'))?;
     let (line, reason) = rest.split_once(": ")?;
@@ -280,7 +280,7 @@ fn motion_that_is_lost_before_an_error_is_a_difference() {
         assert!(same || found == *expected, "{events:?}: {found:?}");
     };
     let different = Relation::Different(String::new());
-    // A part of the refused line may have been done there.
+    // rs274 may have executed part of the rejected line.
     is(&failed, &[first, "error 5 5:1: G0301"], program, &equal);
     is(
         &failed,
@@ -302,11 +302,11 @@ fn motion_that_is_lost_before_an_error_is_a_difference() {
         program,
         &Relation::Earlier(4),
     );
-    // Moves of lines before it are not a part of it.
+    // Moves of earlier lines are not part of it.
     is(&failed, &["error 5 5:1: G0301"], program, &different);
     let moved = lines(&[first, second, "error 5 x"]);
     is(&moved, &[first, "error 5 5:1: G0301"], program, &different);
-    // But those of a cycle are.
+    // Moves of a cycle are.
     is(
         &moved,
         &[first, "error 5 5:1: G0301"],
@@ -324,7 +324,7 @@ fn motion_that_is_lost_before_an_error_is_a_difference() {
         "\n\n\n\nG81 Z1\n",
         &different,
     );
-    // Events before an earlier line are equal, or it is a difference.
+    // Events before an earlier line are equal; otherwise it is a difference.
     let wrong = "rapid 1 2 9 0 0 0 blend 0 0";
     is(&moved, &[wrong, "error 3 3:1: G0705"], program, &different);
     is(

@@ -36,9 +36,9 @@ fn a_subroutine_that_cancels_the_length_gives_it_back() {
         ("G49", "G43.1 Z7", 1.0),
         // As in LinuxCNC, one length does not replace another.
         ("G43", "G43 H2", 21.0),
-        // A length that was measured meanwhile.
+        // A length that was measured in between.
         ("G43", "G49\nG10 L1 P1 Z15", 16.0),
-        // Of the tool that came meanwhile.
+        // The length of a tool that was changed in between.
         ("G43", "G49\nT2 M6", 21.0),
         ("G43.1 Z7", "G49\nT2 M6", 21.0),
     ] {
@@ -56,7 +56,7 @@ fn compensation_that_was_on_is_not_switched_on_again() {
     assert_eq!(last(&program).1, Some((Code::CompensationActive, 4)));
     let program = format!("{contour}M70\nG40\nG1 X12 Y5\nM72\nG1 X20\nM2\n");
     assert_eq!(last(&program).1, Some((Code::CompensationActive, 7)));
-    // It goes on where it was not cancelled.
+    // It continues, because it was not cancelled.
     let program = format!("{contour}M70\nG1 X12\nM72\nG1 X20\nG40\nM2\n");
     assert_eq!(last(&program).1, None);
 }
@@ -66,13 +66,13 @@ fn each_repetition_of_m98_starts_with_the_modes_of_the_caller() {
     for (within, times, z) in [
         ("M73\nG91\nG1 Z1", 2, 9.0),
         ("M73\nG91 G1 Z1\nG20", 3, 9.0),
-        // Nothing restores what M70 saved.
+        // M70 alone is never restored.
         ("M70\nG91\nG1 Z1", 2, 11.0),
     ] {
         let program = format!("F100\nM98 P100 L{times}\nG1 Z9\nM30\nO100\n{within}\nM99\n");
         assert_eq!(last(&program), (z, None), "{within}");
     }
-    // What one repetition saved is not for the next one.
+    // Modes saved in one repetition do not apply to the next one.
     let program = "F100\nM98 P100 L2\nM30\nO100\nO1 if [#1 EQ 1]\nM72\nO1 endif\n#1=1\nM70\nM99\n";
     assert_eq!(last(program).1, Some((Code::NothingSaved, 6)));
 }
@@ -92,7 +92,7 @@ fn whether_g92_is_active_is_restored_and_not_its_values() {
         let program = format!("{before}\nM70\n{within}\nM72\nG0 Z1\nM2\n");
         assert_eq!(last(&program), (z, None), "{before}, {within}");
     }
-    // The parameter says so.
+    // The parameter agrees.
     assert_eq!(
         last("G92 Z5\nM70\nG92.2\nM72\nG53 G0 Z[7+#5210]\nM2\n"),
         (8.0, None)

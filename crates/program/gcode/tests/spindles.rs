@@ -1,6 +1,6 @@
-//! Several spindles: which one a line is about (`$`), and what LinuxCNC makes of the same programs.
+//! Several spindles: the spindle of a line (`$`), compared with LinuxCNC.
 //!
-//! The expected commands are what `rs274` of LinuxCNC 2.9 prints with four spindles; SPECNOTES names the
+//! The expected commands are those of `rs274` of LinuxCNC 2.9 with four spindles; SPECNOTES lists the
 //! differences.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
@@ -25,7 +25,7 @@ fn settings(spindles: [bool; SPINDLES]) -> Settings {
     }
 }
 
-/// The actions up to the first error, and that.
+/// The actions up to the first error, and that error.
 fn run_on(program: &str, spindles: [bool; SPINDLES]) -> (Vec<Action>, Option<Diagnostic>) {
     let mut actions = Vec::new();
     for item in Interpreter::new(program.as_bytes(), settings(spindles)) {
@@ -93,7 +93,7 @@ fn speed_and_direction_are_those_of_the_named_spindle() {
         "3 stop 0",
     ];
     assert_eq!(told, expected);
-    // Without $ it is spindle 0, whatever was named before.
+    // Without $ it is spindle 0, whatever spindle was named before.
     let told = spindles(&run("S100 M3 $1\nM4\nM2\n"));
     assert_eq!(told, ["1 cw 100", "0 ccw 0", "0 stop 0", "1 stop 100"]);
 }
@@ -113,7 +113,7 @@ fn modes_of_speed_are_of_each_spindle() {
         "1 cw 100 m/min to 2000",
         "1 cw 200",
         "0 stop 50 m/min to 500",
-        // The end: no surface speed outlives its program, also that of a spindle at rest.
+        // The end: a surface speed ends with its program, also that of a stopped spindle.
         "0 stop 0",
         "1 stop 200",
     ];
@@ -147,7 +147,7 @@ fn threads_follow_the_spindle_that_was_named_last() {
         "1 thread", "1 thread", "1 tap", "0 thread", "0 thread", "1 thread",
     ];
     assert_eq!(threads, expected.iter().collect::<Vec<_>>());
-    // M3 and S name no spindle for them.
+    // M3 and S do not select a spindle for threads.
     let (_, error) = run_on("S300 M3 $1\nG33 Z-5 K1\nM2\n", [true; SPINDLES]);
     let error = error.expect("an error");
     assert_eq!(error.code, Code::SpindleSpeedMissing);
@@ -270,7 +270,7 @@ fn a_restart_commands_every_spindle() {
     }
 }
 
-/// A program of lines with `$`, but for those that SPECNOTES names.
+/// A program of lines with `$`, except those whose difference SPECNOTES lists.
 fn random_program(random: &mut Random) -> String {
     let per_revolution = random.below(5) < 2;
     let mut text = "G21 G90\n".to_owned();
@@ -286,7 +286,7 @@ fn random_program(random: &mut Random) -> String {
             0..5 => format!("S{speed} M{}{or_all}", random.one_of(&[3, 3, 4, 5])),
             5 => format!("M{}{or_all}", random.one_of(&[3, 4, 5])),
             6 => format!("S{speed}{or_all}"),
-            // rs274 takes every spindle for stopped after it.
+            // rs274 assumes every spindle stopped after it.
             7 => format!("M19 R{}{named}\nM3 $-1", random.one_of(&[0, 90, 270])),
             8 => format!("G33 Z-{x} K{}{named}", random.one_of(&[1.0, 0.5])),
             9 => format!("G33.1 Z-{x} K1{named}"),
@@ -295,7 +295,7 @@ fn random_program(random: &mut Random) -> String {
             }
             10 => format!("G96 S{} D{}{named}", speed + 1, random.one_of(&[500, 2000])),
             11 if !per_revolution => format!("G97 S{speed}{named}"),
-            // rs274 refuses $0 here.
+            // rs274 rejects $0 here.
             12 if named != " $0" => format!("M51 P{}{named}", random.below(2)),
             13 => format!("T{} M6", 1 + random.below(9)),
             14 if !per_revolution => {
@@ -378,7 +378,7 @@ fn parameters_of_the_spindle_are_of_the_one_that_a_thread_would_follow() {
     let begun = "G97 S300 M4\nG97 S500 $1\nM3 $1";
     assert_eq!(of(begun, "_rpm"), 500.0);
     assert_eq!(of(begun, "_spindle_cw"), 1.0);
-    // S and M3 do not name it.
+    // S and M3 do not select it.
     assert_eq!(of(&format!("{begun}\nS700 $2"), "_rpm"), 500.0);
     assert_eq!(of(&format!("{begun}\nG97"), "_rpm"), 300.0);
     assert_eq!(of(&format!("{begun}\nG97"), "_spindle_cw"), 0.0);
@@ -443,7 +443,7 @@ fn a_start_at_a_line_turns_spindles_to_their_angles_again() {
         );
         assert!(!modes.contains("M19"), "{lines}: {modes}");
     }
-    // A modal frame is left without turning the spindle again.
+    // Modes are restored without turning the spindle again.
     assert_eq!(after("M70\nM19 R45\nM72").0, ["0 at 45"]);
 }
 

@@ -1,4 +1,4 @@
-//! G96 with and without G95: what the spindle is told, and how moves are fed while its speed follows the
+//! G96 with and without G95: the commands to the spindle, and the feed of moves while its speed follows the
 //! radius.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
@@ -30,7 +30,7 @@ fn spindles(commands: &[Command]) -> Vec<Action> {
         .collect()
 }
 
-/// A machine whose spindle 0 stands so.
+/// A machine with this state of spindle 0.
 fn of_first(spindle: SpindleOutput) -> Outputs {
     let mut outputs = Outputs::default();
     outputs.spindles[0] = spindle;
@@ -49,12 +49,12 @@ fn surface(speed_m_min: f64, max_rpm: f64, centre_mm: f64) -> Action {
     }
 }
 
-/// The speed by the definition: the circumference that passes by in a minute.
+/// The speed by definition: the circumference per minute.
 fn rpm(speed_m_min: f64, max_rpm: f64, radius_mm: f64) -> f64 {
     (speed_m_min * 1000.0 / (TAU * radius_mm)).min(max_rpm)
 }
 
-/// Checks the pieces of a program's feed moves against the definition at many places of each, and returns
+/// Checks the pieces of a program's feed moves against the definition at many positions of each. Returns
 /// their number, and the length of those along which the speed is limited, mm.
 fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> (usize, f64) {
     let commands = run(program);
@@ -67,7 +67,7 @@ fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> (usize
         .collect();
     for pair in pieces.windows(2) {
         assert_eq!(pair[0].0.curve.end(), pair[1].0.curve.start());
-        // These programs have one fed move a line.
+        // These programs have one feed move per line.
         assert_eq!(pair[1].1.continues, pair[0].1.line == pair[1].1.line);
         let [ends, begins] = [
             pair[0].0.curve.at(pair[0].0.curve.length()).tangent(),
@@ -88,8 +88,8 @@ fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> (usize
                 .position;
             let wanted = feed_mm * law(place[0]) / 60.0;
             let off = motion.feed_mm_s / wanted - 1.0;
-            // Half a piece's change; nothing where the speed is limited; or the end of what is not divided
-            // any more.
+            // Half of the change along a piece; none where the speed is limited; or the end of what is not
+            // divided further.
             let bound = if is_limited { 2e-9 } else { 0.0051 };
             assert!(
                 off.abs() < bound || motion.curve.length() < 0.02,
@@ -108,14 +108,14 @@ fn facing_keeps_the_chip_thickness() {
         law,
         0.2,
     );
-    // ln(60 / 10.6) / ln(1.01) = 174 at the least, and 5 % more; where the speed is limited there is one.
+    // ln(60 / 10.6) / ln(1.01) = 174 at least, and 5 % more; where the speed is limited there is one piece.
     assert!((175..186).contains(&count), "{count}");
     // 200 m/min at 3000 rpm: from 10.61 mm to 2 mm beyond the centre.
     assert!(
         (limited_mm - 2.0 - 200_000.0 / (TAU * 3000.0)).abs() < 1e-6,
         "{limited_mm}"
     );
-    // Not limited by D: by the spindle, 4000 rpm.
+    // Limited by the spindle, 4000 rpm, not by D.
     let law = |x: f64| rpm(200.0, 4000.0, x.abs());
     check_pieces(
         "G21 G18 G8 G95 G96 S200 M3\nG0 X60 Z0\nG1 X0 F0.2\nM2\n",
@@ -168,7 +168,7 @@ fn arcs_are_divided_but_cylinders_are_not() {
             _ => None,
         })
         .collect();
-    // The stop is at the end of all alone.
+    // The stop is at the end of all pieces only.
     let stops = moves
         .iter()
         .filter(|motion| motion.path_mode == PathMode::ExactStop);
@@ -207,7 +207,7 @@ fn the_centre_follows_offsets() {
         "{:?}",
         told[4]
     );
-    // Constant again: offsets count for nothing.
+    // Constant again: offsets have no effect.
     assert!(
         matches!(
             told[5],
@@ -305,7 +305,7 @@ fn a_program_begins_in_g97_and_a_block_of_mdi_goes_on() {
         speed_rpm,
     };
     assert_eq!(begins(false, "M3\n")[0], constant(0.0));
-    // After M2 as well.
+    // After M2 too.
     let told = begins(true, "M3\nM2\n");
     assert!(
         matches!(told[1], Action::Spindle { direction: SpindleDirection::Stopped, speed_rpm, .. } if speed_rpm == 0.0),
@@ -370,7 +370,7 @@ fn an_mdi_block_divides_its_moves() {
     });
     assert!(moves.count() > 50);
     let told = spindles(&run("G21 G96 S100 M3\nM5\nG92 X5\nG0 X1\nM2\n"));
-    // On, off, and the end of the surface speed: a centre that moves is not told to a spindle at rest.
+    // On, off, and the end of the surface speed: a stopped spindle receives no new centre.
     assert_eq!(told.len(), 3, "{told:?}");
 }
 

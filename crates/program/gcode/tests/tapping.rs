@@ -1,4 +1,4 @@
-//! Tapping: what a cycle restores, and taps with a measured spindle.
+//! Tapping: the modes that a cycle restores, and taps with a measured spindle.
 
 use evolvent_gcode::{Action, MachineFeatures, Settings};
 
@@ -74,7 +74,7 @@ fn a_measured_spindle_taps_rigidly() {
             assert!((told - pitch).abs() < 1e-12 && factor == 1.0, "{told}");
             assert!(start[2] > end[2] && start[0] == end[0] && start[1] == end[1]);
         }
-        // No order to the spindle: the tap itself turns it back.
+        // No command to the spindle: the tap itself reverses it.
         let orders = (commands.iter()).filter(|command| matches!(command.action, Action::Spindle { .. }));
         assert_eq!(orders.count(), 2, "on and off: {program}");
     }

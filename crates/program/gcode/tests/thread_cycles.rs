@@ -25,8 +25,8 @@ fn passes(words: &str) -> Vec<(f64, f64)> {
     threads.collect()
 }
 
-/// Each depth is cut in every groove before the next one, and the grooves divide the turn: D is the number of
-/// starts.
+/// Each depth is cut in every groove before the next one, and the grooves divide the revolution equally: D is
+/// the number of starts.
 #[test]
 fn the_starts_of_g76_divide_the_turn_at_each_depth() {
     let single = passes("");

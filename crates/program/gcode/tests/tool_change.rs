@@ -1,5 +1,4 @@
-//! M6 by a subroutine of the machine: what is called with what, what the line and its modes come to, what is
-//! refused.
+//! M6 by a subroutine of the machine: arguments of the call, effects on the line and its modes, and errors.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::Path;
@@ -9,7 +8,7 @@ use evolvent_gcode::{
     ToolTable,
 };
 
-/// Puts the present tool away and fetches the new one, in modes of its own.
+/// Stores the present tool and fetches the new one, with its own modes.
 const CHANGE: &str = "G91 G20 G0 Z1
 M64 P1
 (PRINT,#1 #2 #3 #4)
@@ -74,7 +73,7 @@ struct Run {
 }
 
 impl Run {
-    /// What was printed: the arguments of each change.
+    /// Printed lines: the arguments of each change.
     fn calls(&self) -> Vec<String> {
         let texts = self.actions.iter().filter_map(|(_, action)| match action {
             Action::Print(text) => Some(text.replace(".000000", "")),
@@ -139,7 +138,7 @@ fn the_line_is_divided_at_the_change() {
             "move (5.0, true)",
         ]
     );
-    // G1, G90, G21 and F600 of the program count again.
+    // G1, G90, G21 and F600 of the program apply again.
     let Some((_, Action::Move(last))) = run.actions.iter().find(|(line, _)| *line == 4) else {
         panic!("no move")
     };
@@ -173,7 +172,7 @@ fn the_tool_that_is_in_the_spindle_is_not_changed() {
             .any(|(line, action)| *line == 3 && matches!(action, Action::Move(_)))
     );
     assert_eq!(run.tool, 0.0);
-    // A fixed changer leaves the table as it is.
+    // A fixed changer does not change the table.
     assert_eq!(run.table, ToolTable::parse(TABLE).unwrap());
 }
 
@@ -196,7 +195,7 @@ fn a_random_changer_moves_tools_from_pocket_to_pocket() {
     assert_eq!(run.calls(), ["2 0 12 12", "3 2 13 13", "1 3 11 11", "2 1 13 13"]);
     let pockets = [0, 1, 2, 3].map(|tool| run.pocket(tool));
     assert_eq!(pockets, [12, 13, 11, 0]);
-    // No pocket has two tools, whatever was changed.
+    // No pocket has two tools after any sequence of changes.
     let mut seed = 7_u64;
     let mut program = String::new();
     for _ in 0..200 {
@@ -214,7 +213,7 @@ fn a_random_changer_moves_tools_from_pocket_to_pocket() {
     assert_eq!((run.pocket(2), run.pocket(0)), (12, 0));
 }
 
-/// The values of `rs274`, but for the -1 after M6, which is that of LinuxCNC's machines.
+/// The values of `rs274`, except the -1 after M6, which is that of LinuxCNC's machines.
 #[test]
 fn t_selects_the_pocket_of_the_tool_in_the_spindle_too() {
     let program = "T2 M6\no1 if [#<_selected_pocket> NE -1]\n(ABORT,M6 leaves none)\no1 endif\n\
@@ -256,7 +255,7 @@ fn what_table_and_subroutine_contradict_is_refused() {
         assert_eq!(error.code, code, "{error:?}");
         assert!(error.message.contains(word), "{error:?}");
     }
-    // Where T0 has no pocket the present tool has nowhere to go.
+    // If T0 has no pocket, the present tool cannot be stored.
     let full = Magazine::new("T2 P12\n", true, CHANGE);
     let settings = Settings {
         tool: 2,
@@ -319,7 +318,7 @@ fn an_aborted_tool_change_ends_the_program() {
 fn errors_after_the_change_keep_the_new_tool() {
     let magazine = Magazine::new(TABLE, false, CHANGE);
     let run = magazine.run("G21\nT2 M6 G1 X5\nM2\n");
-    // No feed: F was 10 inches per minute in the subroutine, and that is its own.
+    // No feed: F was 10 inches per minute in the subroutine, which does not apply here.
     let error = run.error();
     assert_eq!((error.line, error.code), (2, Code::FeedMissing));
     assert!(error.file.is_none());
@@ -357,7 +356,7 @@ fn a_pocket_of_a_fixed_magazine_with_two_tools_is_warned_of() {
         });
         texts.collect::<Vec<_>>()
     };
-    // The tool is fetched from the pocket, then it is put back into it.
+    // The tool is fetched from the pocket, then stored in it.
     let found = warnings("T1 M6\nT2 M6\nT3 M6\nM2\n");
     let lines: Vec<u32> = found.iter().map(|(line, _)| *line).collect();
     assert_eq!(lines, [2, 3], "{found:?}");

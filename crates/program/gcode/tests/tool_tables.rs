@@ -1,4 +1,4 @@
-//! Tools that the table lacks, and programs without a table.
+//! Tools missing from the table, and programs without a table.
 
 use evolvent_gcode::{Action, Code, Command, Settings, ToolTable};
 
@@ -22,7 +22,7 @@ fn offsets_without_a_tool_table_are_errors() {
         );
         assert!(found[0].help.as_ref().unwrap().contains("--tools"), "{found:?}");
     }
-    // Nothing is needed of no tool, of numbers that are given, and where the machine says so.
+    // No tool data are needed for tool 0, for given numbers, and if the machine permits it.
     for program in ["G43\n", "G43.1 Z5\n", "G41.1 D4\n", "G49\n"] {
         assert!(errors(program).is_empty(), "{program}");
     }
@@ -42,7 +42,7 @@ fn offsets_without_a_tool_table_are_errors() {
     assert!(interpret("G43 H2\n", with_table).1.is_empty());
 }
 
-/// As in LinuxCNC; without a table nothing is known of any tool.
+/// As in LinuxCNC; without a table no tool is known.
 #[test]
 fn a_tool_that_the_table_lacks_is_an_error_where_it_is_selected() {
     let tools = ToolTable::parse("T1 P1 D6 Z10\n").expect("a table");
@@ -92,7 +92,7 @@ fn the_length_of_another_tool_than_the_one_in_the_spindle_is_warned_of() {
             "{program}: {found:?}"
         );
     }
-    // The tool itself, none, an empty spindle, lengths that add up, and lengths that are equal.
+    // The tool itself, none, an empty spindle, lengths that add up, and equal lengths.
     for program in [
         "T3 M6 G43 H3\nM2\n",
         "T3 M6\nG43\nG43 H0\nM2\n",

@@ -1,4 +1,4 @@
-//! Cycles of a lathe against the shape that they are to leave, and what else turns on planes and machines.
+//! Cycles of a lathe compared with the shape that they leave, and other properties of turning.
 
 #![expect(clippy::panic, reason = "a test may fail")]
 
@@ -21,7 +21,7 @@ fn moves(program: &str) -> Vec<Move> {
     moves.collect()
 }
 
-/// Height of a chain of points above `z`, which falls along the chain; the greatest where several are.
+/// Height of a chain of points at `z`, which decreases along the chain; the maximum if there are several.
 fn height(chain: &[(f64, f64)], z: f64) -> Option<f64> {
     let mut found: Option<f64> = None;
     for pair in chain.windows(2) {
@@ -57,7 +57,7 @@ fn roughing_leaves_the_distance_to_any_profile() {
             moves(&program)
         };
         for code in ["G71", "G71.1", "G71.2"] {
-            // The first move comes from the machine's zero.
+            // The first move starts at the machine's zero.
             for step in rough(code).into_iter().skip(1) {
                 for share in 0..=8 {
                     let at = step
@@ -65,7 +65,7 @@ fn roughing_leaves_the_distance_to_any_profile() {
                         .at(f64::from(share) / 8.0 * step.curve.length())
                         .position;
                     if let Some(low) = height(&chain, at[2]) {
-                        // Nowhere nearer than the distance, along X at least as much as across.
+                        // The distance is kept everywhere, along X at least as well as across.
                         assert!(
                             at[0] >= low + 0.1 - 1e-3,
                             "case {case}, {code}: X{} Z{}",
@@ -76,7 +76,7 @@ fn roughing_leaves_the_distance_to_any_profile() {
                 }
             }
         }
-        // After G71 a cut has been everywhere as near as half a pass more.
+        // After G71 some cut is within the distance plus half a pass everywhere.
         let cuts: Vec<Move> = rough("G71")
             .into_iter()
             .filter(|step| step.kind == MoveKind::Feed)
@@ -94,7 +94,7 @@ fn roughing_leaves_the_distance_to_any_profile() {
                 .filter(|at| (at[2] - z).abs() < 0.06)
                 .map(|at| at[0])
                 .fold(f64::INFINITY, f64::min);
-            // 0.1 away from a slope is more along X: at most by the steepest slope of these profiles.
+            // 0.1 across a slope is more along X: at most by the steepest slope of these profiles.
             assert!(
                 reached - low < 12.0,
                 "case {case}: Z{z} is left at {reached}, {low} wanted"
@@ -125,7 +125,7 @@ fn a_profile_is_read_without_side_effects() {
     let last = found.last().unwrap();
     assert!((last.feed_mm_s - 100.0 / 60.0).abs() < 1e-12);
     assert_eq!(last.curve.end()[0], 3.0);
-    // The cycle begins where it says, not where the profile ran.
+    // The cycle starts at its own start, not at that of the profile.
     assert_eq!((found[1].curve.end()[0], found[1].curve.end()[2]), (20.0, 1.0));
     for pair in found.windows(2) {
         assert_eq!(pair[0].curve.end(), pair[1].curve.start());
@@ -165,7 +165,7 @@ fn invalid_profile_cycles_are_rejected() {
     }
 }
 
-/// Each of two numbers is possible by itself; together they would fill the memory.
+/// Each of two numbers is valid by itself; together they would exhaust memory.
 #[test]
 fn cycles_that_would_never_end_are_refused() {
     let pocket = "O1 sub\nG0 X30 Z0\nG1 Z-5\nX10 Z-10\nZ-15\nX30 Z-20\nO1 endsub\n";
@@ -186,7 +186,7 @@ fn cycles_that_would_never_end_are_refused() {
             "{program}: {error}"
         );
     }
-    // As many as one may want.
+    // Long cycles are accepted.
     assert!(moves(&lathe("G71.2 Q1 X30 Z1 I0.01")).len() > 2000);
     assert!(moves("F100\nG91 G83 X1 Z-10 R0 Q0.1 L100\nM2\n").len() > 10_000);
 }
@@ -220,7 +220,7 @@ fn an_arc_in_a_turned_upright_plane_is_the_circle() {
         total += step.curve.length();
         for share in 0..=16 {
             let at = step.curve.position(f64::from(share) / 16.0 * step.curve.domain());
-            // Back to the program: a semicircle of radius 15 about X25 Z0, Y rising with the angle.
+            // In program coordinates: a semicircle of radius 15 about X25 Z0, Y rising with the angle.
             let (dx, dy, z) = (at[0] - 4.0, at[1] - 5.0, at[2] - 6.0);
             let (x, y) = (cos * dx + sin * dy, cos * dy - sin * dx);
             assert!(((x - 25.0).hypot(z) - 15.0).abs() < 1e-4, "{x} {z}");
@@ -286,6 +286,6 @@ fn input_and_probe_results_reach_the_next_line() {
         }
     }
     assert_eq!(ends, [(0.0, 7.0, 0.0), (-3.5, -3.5, 1.0)]);
-    // Without an answer: a timeout, and no contact.
+    // Without a reply: a timeout, and no contact.
     assert_eq!(moves(program)[0].curve.end()[0], -1.0);
 }

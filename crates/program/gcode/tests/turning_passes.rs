@@ -1,4 +1,4 @@
-//! G82 and G75 of a lathe: passes move by move, and the shape that they leave.
+//! G82 and G75 of a lathe: the passes move by move, and the resulting shape.
 
 #![expect(clippy::unwrap_used, reason = "a test may fail")]
 
@@ -26,14 +26,14 @@ fn run_with(program: &str, settings: Settings) -> Result<Vec<Action>, Diagnostic
     items.map(|item| item.map(|command| command.action)).collect()
 }
 
-/// Ends of moves as (X, Z), cut or not, speed in mm/min.
+/// Ends of moves as (X, Z), whether they cut, speed in mm/min.
 fn moves(program: &str) -> Vec<(f64, f64, Option<f64>)> {
     let actions = run_with(program, lathe()).unwrap();
     let ends = actions.iter().filter_map(|action| match action {
         Action::Move(step) => {
             let end = step.curve.end();
             let feed = (step.kind == MoveKind::Feed).then_some((step.feed_mm_s * 60.0).round());
-            // To a nanometre: sums of increments.
+            // Rounded to a nanometre because of sums of increments.
             Some(((end[0] * 1e6).round() / 1e6, (end[2] * 1e6).round() / 1e6, feed))
         }
         _ => None,
@@ -41,8 +41,7 @@ fn moves(program: &str) -> Vec<(f64, f64, Option<f64>)> {
     ends.collect()
 }
 
-/// The height field that is left of a cylinder from the start, in steps of 0.1 mm: what a tool without width
-/// cuts.
+/// The height field that remains of a cylinder, in steps of 0.1 mm, cut by a tool of zero width.
 fn left_over(program: &str, x0: f64, z0: f64, length: f64) -> Vec<f64> {
     let actions = run_with(program, lathe()).unwrap();
     let count = (length / 0.1).round() as usize;
@@ -229,7 +228,7 @@ fn q1_outputs_the_cycle_if_a_load_is_measured() {
         ..first
     };
     assert_eq!(cycles, [&Action::Turning(first), &Action::Turning(second)]);
-    // What is left is finished as in the plain cycle, to the final corner and back to the start.
+    // The allowance is finished as in the plain cycle, to the final corner and back to the start.
     let at = |x: f64, z: f64| move |end: &Axes| (end[0] - x).abs() < 1e-12 && (end[2] - z).abs() < 1e-12;
     let after: Vec<_> = actions
         .iter()
@@ -248,7 +247,7 @@ fn q1_outputs_the_cycle_if_a_load_is_measured() {
             .any(|(kind, end)| *kind == MoveKind::Feed && is_final(end))
     );
     assert!(after.last().is_some_and(|(_, end)| at(31.0, 3.0)(end)));
-    // Without a load channel: the plain cycle if there is a depth, else an error that says why.
+    // Without a load channel: the plain cycle if there is a depth, otherwise an error with the reason.
     let error = run_with(program, lathe()).unwrap_err();
     assert_eq!((error.code, error.line), (Code::WordMissing, 4));
     let fallback = run_with("G21 G18 F60\nG0 X30 Z1\nG82 X40 Z-20 D9 Q1\n", lathe()).unwrap();
@@ -288,7 +287,7 @@ fn invalid_turning_is_rejected_and_mills_drill() {
     ] {
         assert_eq!(at(line), Err((code, 3)), "{line}");
     }
-    // Both cycles, plain or by the load, know no radius of a tool.
+    // Both cycles, plain or load-adaptive, ignore the tool's radius.
     for line in ["G82 X52 Z-20 D1", "G75 X52 Z-20 K1", "G82 X52 Z-20 Q1"] {
         let program = format!("G21 G18 F60\nG0 X30 Z1\nG41.1 D0.8 L2\nG0 X28 Z0\n{line}\n");
         let settings = Settings {

@@ -1,4 +1,4 @@
-//! A start of which the machine does not know where it is: what a program makes of it.
+//! Programs that start at an unknown position.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_gcode::{Action, Interpreter, Settings};
@@ -30,7 +30,7 @@ fn an_axis_is_where_the_program_has_sent_it_in_absolute_coordinates() {
         ["Z", "Z", "Z", ""]
     );
     assert_eq!(doubtful("XA", "G53 G0 A3\nG1 F100 X1\nM2\n"), ["X", ""]);
-    // A move that an offset from there follows is as unknown as the offset, along its axis.
+    // A move by an offset from an unknown position is as unknown as the offset, along its axis.
     assert_eq!(doubtful("X", "G92 X0\nG0 X1\nM2\n"), ["X"]);
     assert_eq!(doubtful("X", "G10 L20 P1 X0\nG0 X1\nM2\n"), ["X"]);
     assert_eq!(

@@ -1,4 +1,4 @@
-//! Unlimited rotary axes: where G90 goes to, and what programs see of the angle. Figures by hand.
+//! Unlimited rotary axes: the target of G90, and the angle that programs read. Values computed by hand.
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_gcode::{Action, Interpreter, Move, RotaryWay, Settings};
@@ -42,9 +42,9 @@ fn the_shorter_way_is_taken_by_rapids_feeds_and_arcs_and_in_machine_coordinates(
     assert_eq!(angles("G0 X10 C350\nG2 F100 X20 R5 C5", shorter()), [-10.0, 5.0]);
     // A word of more than a turn is an angle as well.
     assert_eq!(angles("G0 C725", shorter()), [5.0]);
-    // Where it stands it does not move.
+    // At its angle already, it does not move.
     assert!(angles("G0 C90\nC450\nC-270", shorter()).len() == 1);
-    // G91 is what is written.
+    // In G91 the word is the increment.
     assert_eq!(angles("G91 G0 C725\nC-1000", shorter()), [725.0, -275.0]);
 }
 
@@ -53,10 +53,10 @@ fn the_sign_says_the_way() {
     let sign = || settings(RotaryWay::Sign);
     assert_eq!(
         angles("G0 C350\nC10\nC-350\nC-0\nC-90\nC90\nC0", sign()),
-        // C90 is where C-90 has gone to.
+        // C90 is the position reached by C-90.
         [350.0, 370.0, 350.0, 0.0, -270.0, 0.0]
     );
-    // The angle is that of the program's coordinates.
+    // The angle refers to the program's coordinates.
     assert_eq!(
         angles("G10 L2 P1 C30\nG0 C0\nC-350\nC10", sign()),
         [30.0, 20.0, 40.0]
@@ -80,13 +80,13 @@ fn offsets_and_stored_places_are_angles_too() {
         ..shorter()
     };
     assert_eq!(angles("G0 C0\nC90", far.clone()), [3600.0, 3690.0]);
-    // G28 goes to the stored angle by the shorter way.
+    // G28 goes to the stored angle in the shorter direction.
     let stored = Settings {
         parameters: vec![(5166, 350.0)],
         ..far.clone()
     };
     assert_eq!(angles("G28 C0", stored), [3600.0, 3590.0]);
-    // G10 L20 gives the present angle a name.
+    // G10 L20 assigns a value to the present angle.
     assert_eq!(angles("G10 L20 P1 C0\nG0 C10", far), [3610.5]);
 }
 

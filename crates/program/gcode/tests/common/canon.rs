@@ -1,6 +1,5 @@
-//! Commands as lines of text that can be compared with another interpreter's: positions in machine
-//! coordinates in mm and degrees (X Y Z A B C), speeds in mm/min, the path mode with every move, only what
-//! changes.
+//! Commands as lines of text for comparison with another interpreter: positions in machine coordinates in mm
+//! and degrees (X Y Z A B C), speeds in mm/min, the path mode with every move, and changes only.
 
 use std::fmt::Write as _;
 use std::io::BufRead;
@@ -18,7 +17,7 @@ pub(crate) fn canon(program: impl BufRead, settings: Settings) -> Vec<String> {
             Ok(command) => printer.command(&command),
             Err(error) => {
                 printer.flush();
-                // The line of another file is none of the program's.
+                // A line of another file is not a line of the program.
                 let line = if error.file.is_some() { 0 } else { error.line };
                 printer.lines.push(format!("error {line} {error}"));
                 return printer.lines;
@@ -43,7 +42,7 @@ struct Printer {
 fn place(axes: &Axes) -> String {
     let mut text = String::new();
     for index in 0..6 {
-        // Zero has one sign.
+        // Avoids a negative zero.
         let _ = write!(text, " {:.6}", axes[index] + 0.0);
     }
     text
@@ -57,7 +56,7 @@ fn direction(direction: SpindleDirection) -> &'static str {
     }
 }
 
-/// An event of a spindle: that of number 0 has no number.
+/// An event of a spindle; spindle 0 is written without its number.
 fn numbered(event: &str, spindle: u32) -> String {
     match spindle {
         0 => event.to_owned(),
@@ -65,7 +64,7 @@ fn numbered(event: &str, spindle: u32) -> String {
     }
 }
 
-/// As rs274 has it: no tolerance is 0, and lines are merged within the tolerance where Q does not say.
+/// As in rs274: no tolerance is 0, and without Q lines are merged within the tolerance.
 fn path(mode: PathMode) -> String {
     match mode {
         PathMode::ExactPath => " exact".to_owned(),
@@ -81,14 +80,14 @@ fn path(mode: PathMode) -> String {
 }
 
 impl Printer {
-    /// States of spindle and coolant, once for several commands in a row.
+    /// Outputs the states of spindle and coolant once for several consecutive commands.
     fn flush(&mut self) {
         for (number, spindle) in self.spindles.iter().enumerate() {
             let told = &mut self.told_spindles[number];
             if *spindle == *told || spindle.0.is_empty() {
                 continue;
             }
-            // A stopped spindle's speed is nobody's business.
+            // The speed of a stopped spindle is ignored.
             let stopped = spindle.0 == "stop";
             let was_stopped = matches!(told.0.as_str(), "" | "stop");
             if !(stopped && was_stopped) {
