@@ -47,10 +47,10 @@ type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Log, Log>>;
 type Limit<'a> = (&'a str, RGBColor, &'a dyn Fn(f64) -> f64);
 type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 
-/// Draws figure 3 (feed that acceleration, jerk and maximum feed permit, over the radius), figure 4 (control
-/// rate over feed, by radius, with the lines at which acceleration and jerk limit it) and figure 5 (control
-/// rate over acceleration, by grid) below one another. The point that requires the rational rate is marked in
-/// each.
+/// Draws three figures, one below the other: figure 3 (feed that acceleration, jerk and maximum feed permit,
+/// over the radius), figure 4 (control rate over feed, by radius, with the lines at which acceleration and
+/// jerk limit it) and figure 5 (control rate over acceleration, by grid). The point that requires the
+/// rational rate is marked in each.
 ///
 /// `title` is the heading, for example the machine's name. Returns the text of an SVG file. Not real-time
 /// safe.

@@ -52,7 +52,8 @@ pub struct HandwheelSettings {
 }
 
 impl HandwheelSettings {
-    /// Travel of an axis per detent with the step of this index, mm or degrees; `None` if the step does not exist.
+    /// Travel of an axis per detent with the step of this index, mm or degrees; `None` if the step does not
+    /// exist.
     #[must_use]
     pub fn step(&self, axis: AxisLetter, number: usize) -> Option<f64> {
         let steps = if axis.is_rotary() {

@@ -48,7 +48,8 @@ pub enum Kinematics {
     Trivial,
 }
 
-/// Default lead, ns: the wake-up latency to expect of an ordinary kernel. At 1 kHz it is two cycles, the minimum.
+/// Default lead, ns: the wake-up latency to expect of an ordinary kernel. At 1 kHz it is two cycles, the
+/// minimum.
 const DEFAULT_LEAD_NS: u64 = 2_000_000;
 /// Minimum and maximum lead in cycles. The lead includes the cycle that computes the setpoint.
 const LEAD_CYCLES: (u64, u64) = (1, 1000);
@@ -110,8 +111,9 @@ impl PlannerKind {
         }
     }
 
-    /// Fraction of the permitted chord error that this planner uses where it bends the path. The time-optimal planner keeps a reserve:
-    /// it derives the speed from the curvature at its stations, and the curvature changes within a period.
+    /// Fraction of the permitted chord error that this planner uses where it bends the path. The time-optimal
+    /// planner keeps a reserve: it derives the speed from the curvature at its stations, and the curvature
+    /// changes within a period.
     #[must_use]
     pub const fn chord_fraction(self) -> f64 {
         match self {
@@ -202,7 +204,8 @@ pub struct PathSettings {
     pub chord_error_increments: f64,
     /// Minimum radius of curvature considered by the rational control rate, mm.
     pub min_radius_mm: f64,
-    /// An arc is rejected if its radii at start and end differ by more than this, mm (LinuxCNC: 0.0283 mm), ...
+    /// An arc is rejected if its radii at start and end differ by more than this, mm (LinuxCNC: 0.0283 mm),
+    /// ...
     pub arc_radius_tolerance_mm: f64,
     /// ... and also by more than this fraction of the radius (LinuxCNC: 0.001).
     pub arc_radius_tolerance_ratio: f64,
@@ -219,8 +222,8 @@ pub struct RealtimeSettings {
     pub core: Option<usize>,
     /// Whether all memory is locked.
     pub lock_memory: bool,
-    /// Consecutive late setpoints after which the machine stops; 0 for never. `None`: [`Machine::max_late_cycles`] derives it
-    /// from the period.
+    /// Consecutive late setpoints after which the machine stops; 0 for never. `None`:
+    /// [`Machine::max_late_cycles`] derives it from the period.
     pub max_late_cycles: Option<u32>,
 }
 
@@ -432,7 +435,8 @@ pub struct Machine {
     pub increments_per_degree: Option<f64>,
     /// The control rate.
     pub rate: ControlRate,
-    /// Time between the computation of a setpoint and its due time; [`lead_cycles`](Self::lead_cycles) gives it in cycles.
+    /// Time between the computation of a setpoint and its due time; [`lead_cycles`](Self::lead_cycles) gives
+    /// it in cycles.
     pub lead: Lead,
     /// The axes in the order of the file.
     pub axes: Vec<Axis>,
@@ -509,7 +513,8 @@ impl Machine {
         })
     }
 
-    /// As [`parse`](Self::parse); `read_file` returns the content of a file, given the name in the machine file.
+    /// As [`parse`](Self::parse); `read_file` returns the content of a file, given the name in the machine
+    /// file.
     ///
     /// # Errors
     /// As [`Machine::load`].
@@ -527,8 +532,9 @@ impl Machine {
         parse::machine(text, file_name, &mut read_file)
     }
 
-    /// The limits of ideal motion for all nine axes, for the planner and the cycle's guard. They leave a reserve so that the
-    /// corrected setpoints keep [`drive_limits`](Self::drive_limits). Without corrections both are equal.
+    /// The limits of ideal motion for all nine axes, for the planner and the cycle's guard. They leave a
+    /// reserve so that the corrected setpoints keep [`drive_limits`](Self::drive_limits). Without corrections
+    /// both are equal.
     #[must_use]
     pub fn limits(&self) -> Limits {
         let mut limits = self.drive_limits();
@@ -588,10 +594,11 @@ impl Machine {
         increments
     }
 
-    /// The input of the rational control rate: the maximum limits over the linear axes, the paper's choice, and the maximum feed.
+    /// The input of the rational control rate: the maximum limits over the linear axes, the paper's choice,
+    /// and the maximum feed.
     ///
-    /// Several axes together can exceed one of them (by at most `sqrt(3)` for three equal axes). There the planner's feed limit
-    /// keeps the chord error.
+    /// Several axes together can exceed one of them (by at most `sqrt(3)` for three equal axes). There the
+    /// planner's feed limit keeps the chord error.
     #[must_use]
     pub fn rate_input(&self) -> RateInput {
         let linear = self.axes.iter().filter(|axis| !axis.letter.is_rotary());
@@ -614,7 +621,8 @@ impl Machine {
         input
     }
 
-    /// The rational control rate of this machine before clamping to the range of the loop, see [`Machine::period_ns`].
+    /// The rational control rate of this machine before clamping to the range of the loop, see
+    /// [`Machine::period_ns`].
     ///
     /// # Errors
     /// Only for a machine constructed in code; machine files are checked for it.
@@ -622,11 +630,12 @@ impl Machine {
         rational_rate(&self.rate_input())
     }
 
-    /// The period of a control rate in whole nanoseconds, rounded down: the rate is never below the requested one.
+    /// The period of a control rate in whole nanoseconds, rounded down: the rate is never below the requested
+    /// one.
     ///
-    /// A rate in Hz must be between [`MIN_RATE_HZ`] and [`MAX_RATE_HZ`] (28 571 ns). The rational rate is clamped to the same
-    /// range: raising it only lowers the chord error; lowering it costs time, not accuracy, because the planner keeps the chord
-    /// error at the actual rate by limiting the feed.
+    /// A rate in Hz must be between [`MIN_RATE_HZ`] and [`MAX_RATE_HZ`] (28 571 ns). The rational rate is
+    /// clamped to the same range: raising it only lowers the chord error; lowering it costs time, not
+    /// accuracy, because the planner keeps the chord error at the actual rate by limiting the feed.
     ///
     /// # Errors
     /// [`PeriodError`] for a rate out of range.
@@ -639,8 +648,8 @@ impl Machine {
         Ok(period_ns_of(rate_hz))
     }
 
-    /// Consecutive late setpoints after which the machine stops; 0 for never. Default: those of one second, at least 1000, so
-    /// that a short pause of the host is tolerated at every rate alike.
+    /// Consecutive late setpoints after which the machine stops; 0 for never. Default: those of one second,
+    /// at least 1000, so that a short pause of the host is tolerated at every rate alike.
     #[must_use]
     pub fn max_late_cycles(&self, period_ns: u64) -> u32 {
         let in_a_second = (1_000_000_000 / period_ns.max(1)).clamp(1000, 1_000_000);

@@ -278,7 +278,7 @@ impl ParamCurve for Arc {
         let angle = libm::atan2(self.radial[1], self.radial[0]);
         let (first, second, _) = self.plane.axes();
         for crossing in axis_crossings(angle, self.sweep.signum(), from, to) {
-            // Where the radius grows, the extreme lies slightly past the axis.
+            // Where the radius grows, the extreme is slightly past the axis.
             let shift =
                 libm::atan(self.radius_change / (sweep * self.radius + self.radius_change * crossing));
             for turned in [crossing, (crossing + shift).max(from).min(to)] {

@@ -268,7 +268,7 @@ pub trait PlanSink {
         Ok(())
     }
 
-    /// What follows step `from` is a tail, whatever is declared final, until a step is linked to `from`.
+    /// All steps after `from` are a tail, even if they are declared final, until a step is linked to `from`.
     fn leave_open(&mut self, from: u64) {
         let _ = from;
     }

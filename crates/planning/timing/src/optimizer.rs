@@ -110,8 +110,9 @@ impl Optimizer {
         self.solver.iterations
     }
 
-    /// Plans a time-optimal motion from `from` to the end of interval `until - 1`, at `feed_factor` (0.001 to 2) times the
-    /// programmed feeds; rapids are not scaled. Replaces the contents of `out`. Not real-time safe.
+    /// Plans a time-optimal motion from `from` to the end of interval `until - 1`, at `feed_factor` (0.001 to
+    /// 2) times the programmed feeds; rapids are not scaled. Replaces the contents of `out`. Not real-time
+    /// safe.
     ///
     /// # Errors
     /// See [`FeedError`]; `out` is then empty and the previous plan stays valid.

@@ -67,7 +67,7 @@ impl Profile {
     /// ```
     /// use evolvent_timing::{Outcome, Profile, ScalarLimits, ScalarState};
     ///
-    /// // 10 mm from rest to rest, with a cruise: 2 v/a + (10 - v v/a)/v without jerk limit, and a/j more with it.
+    /// // 10 mm from rest to rest, with a cruise: 2 v/a + (10 - v v/a)/v without jerk limit, plus a/j.
     /// let limits = ScalarLimits { velocity: 100.0, acceleration: 2000.0, jerk: 200_000.0 };
     /// let profile = Profile::solve(ScalarState::default(), 10.0, 0.0, 0.0, &limits);
     /// assert_eq!(profile.outcome(), Outcome::Exits);

@@ -21,7 +21,7 @@ fn bad_files_are_refused_with_line_column_and_key() {
             edit("beta_deg = 35.0", "beta = 35.0", "beta"),
             edit("law = \"40X-R1\"", "law = \"41X\"", "force.law"),
             edit("mass_kg = 6.0", "mass_kg = -6.0", "mass_kg"),
-            // Invalid TOML is reported where it ends to be TOML.
+            // Invalid TOML is reported where the parser fails.
             Edit {
                 column: 16,
                 ..edit("lead_deg = 60.0", "lead_deg = 60.0.0", "")

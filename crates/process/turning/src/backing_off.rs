@@ -22,7 +22,7 @@ impl TurningController {
     pub(crate) fn deepest(&self) -> f64 {
         match self.settings.strategy.depth {
             PassDepth::LeastTime { .. } => self.constants.split_mm,
-            // A split needs at least two remaining passes, and stock that goes on at the same height.
+            // A split needs at least two remaining passes, and stock that continues at the same height.
             PassDepth::Bounded { .. } if self.passes_left() > 1 && self.goes_on_level() => {
                 self.constants.split_mm
             }

@@ -3,7 +3,7 @@
 /// `load = coefficient depth^depth_exponent feed^feed_exponent` at one cutting speed, depth in mm, feed in
 /// mm/rev.
 ///
-/// The load is whatever the sensor shows: a force in N, a torque, a power, a current. The closed form has
+/// The load is the sensor's quantity: a force in N, a torque, a power or a current. The closed form has
 /// closed inverses, so the real-time cycle may call everything here.
 ///
 /// ```

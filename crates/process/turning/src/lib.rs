@@ -3,7 +3,7 @@
 //! ```text
 //! load sample ─► LoadWatch ─► depth of cut ─► TurningController ─► feed, height ─► two AxisDrives ─► setpoint
 //!                                              │        ▲                                              │
-//!                                              └► SizeRecord (what still stands)                       ▼
+//!                                              └► SizeRecord (remaining stock)                         ▼
 //!                 Sensor ◄───────────────────────────────────────────────────────────────────── Workpiece
 //! ```
 //!

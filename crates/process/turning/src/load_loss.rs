@@ -5,7 +5,7 @@
 pub(crate) struct LoadLoss {
     /// Time without load in a cut, s.
     pub(crate) air_s: f64,
-    /// Time without load where stock must stand, s.
+    /// Time without load where there must be stock, s.
     pub(crate) missing_s: f64,
     /// The load before, N.
     pub(crate) before_n: f64,

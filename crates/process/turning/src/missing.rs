@@ -125,7 +125,7 @@ impl TurningController {
         }
     }
 
-    /// After a fault in a cut, keeps the shoulder, which is expected when the job goes on.
+    /// After a fault in a cut, keeps the shoulder, which is expected when the job continues.
     pub(crate) fn keep_shoulder(&mut self) {
         let depth = self.felt.engagement.depth_mm();
         let cuts = matches!(

@@ -10,7 +10,7 @@ pub(crate) struct ProtectionState {
     pub(crate) overload_s: f64,
     /// Time without a plausible reading, s, ...
     pub(crate) blind_s: f64,
-    /// ... and the longest such time for which the feed goes on.
+    /// ... and the longest such time for which the feed continues.
     pub(crate) blind_max_s: f64,
     /// The state in which the hold began.
     pub(crate) before_hold: TurningState,

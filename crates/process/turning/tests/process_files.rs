@@ -41,7 +41,7 @@ fn bad_files_are_refused_with_line_column_and_key() {
                 "outline_mm = [[0.0, 10.0], [200.0, 5.0]]\nrunout_mm = 0.3",
                 "with its runout",
             ),
-            // Invalid TOML is reported where it ends to be TOML, ...
+            // Invalid TOML is reported where the parser fails, ...
             Edit {
                 column: 15,
                 ..edit("set_n = 2200.0", "set_n = 2200.0.0", "")

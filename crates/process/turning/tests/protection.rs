@@ -236,7 +236,7 @@ fn an_overload_at_any_moment_draws_the_tool_out() {
         let (output, _) = sim.step(RUN, None);
         limits.see(&output);
         let height = output.out.position;
-        // A jam: the load is three times the set one, whatever is cut.
+        // A jam: the load is three times the set one, independent of the cut.
         let (mut cycles, mut reason) = (0, None);
         while !sim.controller.is_over() {
             sim.jam(3.0 * SET);

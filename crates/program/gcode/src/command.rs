@@ -156,7 +156,7 @@ pub enum Action {
     /// Turns a step in load-adaptive passes (a lathe's G82 Q1, G75 Q1). Starts and ends at its start
     /// position.
     Turning(TurningCycle),
-    /// Rigid tapping: in with the spindle, out with the spindle reversed (G33.1). Ends where it started.
+    /// Rigid tapping: in with the spindle, out with the spindle reversed (G33.1). Ends at its start.
     RigidTap {
         /// Number of the spindle (`$`).
         spindle: u32,

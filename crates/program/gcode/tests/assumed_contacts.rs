@@ -298,7 +298,7 @@ fn doubtful(program: &str) -> Vec<u32> {
 
 #[test]
 fn an_abort_that_is_not_followed_leaves_everything_known() {
-    // The text of an (ABORT) has no words, whatever its letters.
+    // The text of an (ABORT) has no words.
     let texts = [
         "(ABORT, contact too early)",
         "(abort,TOO HIGH: X#1 Y#2 Z#3 G10 L20 = @^)",

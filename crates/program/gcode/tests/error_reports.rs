@@ -189,7 +189,7 @@ fn errors_of_their_own_are_all_reported() {
         // The rejected lines do not change the mode.
         ("G1 X0\nG1 X5 Q1\nG1 Z1 E5\nX20 Q2\n", &[3, 4, 5]),
         ("G4\nX20 Q2\nG41 D-1\n", &[2, 3, 4]),
-        // No assignment was refused.
+        // No assignment was rejected.
         ("G1 X?\nG1 X#<b>\n", &[2, 3]),
         // The position is known again.
         ("G2 X20 Y10 I3 J0\nG1 X0 Y0\nG2 X20 Y10 I3 J0\n", &[2, 4]),

@@ -389,7 +389,7 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                     .partition_point(|&s| s <= middle)
                     .clamp(1, blocks.len())
                     - 1];
-                // Near a joint the feed of the block before or behind it counts if it is lower.
+                // Near a joint the lower of the feeds of both blocks applies.
                 let reach = 2.0 * max + 1e-9;
                 let is_lower = |(block, starts): (&Block, &[f64])| {
                     (block.feed_mm_s, block.rapid) == (stretch.feed_mm_s, stretch.rapid)

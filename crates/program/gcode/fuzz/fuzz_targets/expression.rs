@@ -26,7 +26,7 @@ fuzz_target!(|data: &[u8]| {
     if let Ok(value) = plain {
         assert!(value.is_finite());
     }
-    // Brackets that close what others opened change the meaning.
+    // Brackets that close others change the meaning.
     let mut depth = 0_i32;
     let balanced = data.iter().all(|byte| {
         depth += i32::from(*byte == b'[') - i32::from(*byte == b']');

@@ -1,4 +1,4 @@
-//! Whole programs: no panic, an end, moves that chain, errors with a place. The first byte chooses the
+//! Whole programs: no panic, an end, contiguous moves, and errors with a position. The first byte selects the
 //! machine.
 #![no_main]
 

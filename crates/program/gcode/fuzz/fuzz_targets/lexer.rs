@@ -1,10 +1,10 @@
-//! Characters: case and blanks mean nothing, whatever else the line holds, and every error has a place in it.
+//! Characters: case and blanks have no effect, and every error has a position in the line.
 #![no_main]
 
 use evolvent_gcode::{Action, Code, Interpreter, Settings};
 use libfuzzer_sys::fuzz_target;
 
-/// What a line gives: the end of its move, or its error.
+/// Result of a line: the end of its move, or its error.
 fn run(line: &[u8]) -> Result<Vec<u64>, Code> {
     let mut program = b"G21 F1\n".to_vec();
     program.extend_from_slice(line);
@@ -28,7 +28,7 @@ fn run(line: &[u8]) -> Result<Vec<u64>, Code> {
 }
 
 fuzz_target!(|data: &[u8]| {
-    // One line; what stands in comments and names keeps its blanks.
+    // One line; comments and names keep their blanks.
     if data.len() > 200 || data.iter().any(|byte| matches!(byte, b'\n' | b'\r')) {
         return;
     }

@@ -439,7 +439,7 @@ fn apply(operator: Operator, left: f64, right: f64, place: Span) -> Result<f64, 
             return Err(Fault::new(Code::Arithmetic, place, format!("{left} MOD 0")));
         }
         Operator::Modulo => {
-            // Never negative, whatever the signs.
+            // Never negative, for any signs.
             let rest = left % right;
             if rest < 0.0 { rest + right.abs() } else { rest }
         }

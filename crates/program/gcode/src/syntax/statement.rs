@@ -21,9 +21,9 @@ pub(crate) const WORDS: usize = 29;
 /// Codes and words of one line. Reused.
 #[derive(Clone, Debug)]
 pub(crate) struct Statement {
-    /// The G code of each group, if any, its place and its number as written.
+    /// The G code of each group, if any, its position and its number as written.
     g: [Option<(GCode, Span, f64)>; GROUPS],
-    /// The M code of each group, if any, its place and its number.
+    /// The M code of each group, if any, its position and its number.
     m: [Option<(MCode, Span, f64)>; GROUPS],
     values: [f64; WORDS],
     spans: [Span; WORDS],
