@@ -35,7 +35,7 @@ pub enum OnThin {
     /// End the pass; the next one starts at the first position that is not at size.
     Return,
     /// As [`OnThin::Return`], this number of times in a job, then as [`OnThin::Continue`]. A pass that ended
-    /// early can cost a further pass if the stock rises again; a pass that goes on costs none.
+    /// early can cost a further pass if the stock rises again; a pass that continues costs none.
     ReturnUpTo(u32),
     /// As [`OnThin::Return`] if the stock left there costs no further pass.
     ReturnIfSaved,
