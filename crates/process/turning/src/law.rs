@@ -59,7 +59,7 @@ impl CutLaw {
         self.depth_exponent / self.feed_exponent
     }
 
-    /// Whether the law is valid: finite, positive coefficient, exponents in (0, 3].
+    /// Whether the law is valid: finite, positive coefficient, exponents above 0.05 and at most 3.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let exponents = [self.depth_exponent, self.feed_exponent];
