@@ -100,6 +100,9 @@ pub(crate) struct Container {
     memory: Memory,
     /// End of the last complete record in the sink.
     position: u64,
+    /// Checksum of everything in the sink, and of everything up to `position`.
+    checksum: crc32fast::Hasher,
+    checksum_at_position: crc32fast::Hasher,
     section: Option<Section>,
     section_chunks: u32,
     /// Of the open chunk: bytes before compression, messages by channel, times.
@@ -142,13 +145,15 @@ impl Container {
             .chunk_size(None)
             // A chunk reaches the stream whole.
             .disable_seeking(true)
-            // Every chunk and attachment has its own checksum.
+            // The crate would compute that of one section; this type computes that of the file.
             .calculate_data_section_crc(false);
         let mut container = Self {
             sink,
             options,
             memory: Memory::default(),
             position: 0,
+            checksum: crc32fast::Hasher::new(),
+            checksum_at_position: crc32fast::Hasher::new(),
             section: None,
             section_chunks: 0,
             open_bytes: 0,
@@ -162,7 +167,7 @@ impl Container {
         // Its end is discarded, its head is the file's.
         container.close_section(head.map_err(io_error)?)?;
         container.append_encoded()?;
-        container.position = container.memory.position();
+        container.complete_record();
         Ok(container)
     }
 
@@ -288,9 +293,16 @@ impl Container {
         let reserve = self.reserve_for_end();
         let mut encoded = self.memory.lock();
         let result = self.sink.append(&encoded.bytes, reserve);
+        self.checksum.update(&encoded.bytes);
         encoded.start += encoded.bytes.len() as u64;
         encoded.bytes.clear();
         result
+    }
+
+    /// What has been appended ends with a complete record.
+    fn complete_record(&mut self) {
+        self.position = self.memory.position();
+        self.checksum_at_position = self.checksum.clone();
     }
 
     /// Compresses and writes the messages of the open chunk, if there are any.
@@ -306,7 +318,7 @@ impl Container {
         };
         section.flush().map_err(io_error)?;
         self.append_encoded()?;
-        self.position = self.memory.position();
+        self.complete_record();
         // Only now: the summary describes what is in the file.
         self.summary.count_messages(&self.open_counts, self.open_times);
         self.forget_chunk();
@@ -401,7 +413,7 @@ impl Container {
         let written = write(self, &mut section).and_then(|()| self.append_encoded());
         let indexes = self.close_section(section);
         written?;
-        self.position = self.memory.position();
+        self.complete_record();
         indexes
     }
 
@@ -424,6 +436,7 @@ impl Container {
         self.forget_chunk();
         self.deferred = None;
         self.memory.restart_at(self.position);
+        self.checksum = self.checksum_at_position.clone();
         self.sink.truncate(self.position)?;
         ended
     }
@@ -438,7 +451,8 @@ impl Container {
         // This is what the capacity was reserved for.
         self.ending = true;
         let (sink, mut length) = (&mut self.sink, 0);
-        self.summary.write(self.position, &mut |bytes| {
+        let data_crc = self.checksum_at_position.clone().finalize();
+        self.summary.write(self.position, data_crc, &mut |bytes| {
             length += bytes.len() as u64;
             sink.append(bytes, 0)
         })?;

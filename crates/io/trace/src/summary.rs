@@ -126,17 +126,18 @@ impl Summary {
         REST_BYTES + self.declared + indexes + CHUNK_INDEX_BYTES * more_chunks
     }
 
-    /// Appends everything that follows the data, up to the last magic. `position` is the file's length.
+    /// Appends everything that follows the data, up to the last magic. `position` is the file's length,
+    /// `data_section_crc` the checksum of all of it.
     ///
     /// # Errors
     /// Those of `append`, and of reading back what was stored.
     pub(crate) fn write(
         &mut self,
         position: u64,
+        data_section_crc: u32,
         append: &mut dyn FnMut(&[u8]) -> io::Result<()>,
     ) -> io::Result<()> {
-        // 0: not computed.
-        let data_end = record(op::DATA_END, &DataEnd { data_section_crc: 0 });
+        let data_end = record(op::DATA_END, &DataEnd { data_section_crc });
         append(&data_end)?;
         self.statistics.schema_count = self.schemas.len() as u16;
         self.statistics.channel_count = self.channels.len() as u32;

@@ -17,8 +17,8 @@ impl TraceFile {
     /// Reads the whole file and compares every chunk, attachment and index with its checksum, or with what it
     /// repeats. Readers check what they read; this finds damage in what they did not need too.
     ///
-    /// The name of the writing library in the file's header is not compared: the format has no checksum
-    /// there, and any tool may write it.
+    /// In files without a checksum of the data section, as other tools and earlier versions write, the name
+    /// of the writing library and changes of compressed data that decompress to the same are not found.
     ///
     /// # Errors
     /// [`ReadError::Damaged`] at the first damaged record.
@@ -83,7 +83,7 @@ impl TraceFile {
                     // What follows has its own checksum, which was compared when the file was opened.
                     let is_end = match parse(opcode, content) {
                         Some(Record::DataEnd(record)) => {
-                            // 0 is "not computed".
+                            // 0: not computed.
                             let crc = record.data_section_crc;
                             content.len() == 4 && (crc == 0 || crc == data.clone().finalize())
                         }
