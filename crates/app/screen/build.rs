@@ -1,4 +1,4 @@
-//! The built page is part of the binary: a file that is added to it makes the crate new.
+//! The built page is part of the binary, so the crate is rebuilt when a file of the page is added.
 
 fn main() {
     println!("cargo::rerun-if-changed=page/dist");

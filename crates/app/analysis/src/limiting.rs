@@ -1,16 +1,16 @@
 //! The active limit at a setpoint, derived from the setpoint itself.
 //!
-//! A value at or above 97 % of its limit is limiting, and the largest share decides, so that unused capacity
-//! is visible ([`Limiting::Nothing`]). Of the planner only the fraction of the permitted chord error is used
-//! that it aims at.
+//! A value at or above 97 % of its limit is limiting, and the one with the largest ratio decides, so that
+//! unused capacity is visible ([`Limiting::Nothing`]). The only value taken from the planner is the fraction
+//! of the permitted chord error that it aims at.
 
 use evolvent_machine::{Machine, chord_feed_limit_mm_s};
 use evolvent_motion::{Setpoint, State, flags};
 use evolvent_path::AxisLetter;
 
-/// Share of a limit at which it counts as active.
+/// Fraction of a limit at which it counts as active.
 pub(crate) const REACHED: f64 = 0.97;
-/// Below this share of an axis's velocity limit the axis counts as stationary.
+/// An axis below this fraction of its velocity limit counts as stationary.
 const STANDING: f64 = 1e-9;
 
 /// A derivative of the axis position.
@@ -194,13 +194,13 @@ impl LimitClassifier {
         }
     }
 
-    /// The active limit at this setpoint: the feed word first, then the limit with the largest share.
+    /// The active limit at this setpoint: the feed word first, then the limit with the largest ratio.
     #[must_use]
     pub fn classify(&self, setpoint: &Setpoint, feed_mm_s: Option<f64>) -> Limiting {
         self.judge(setpoint, &self.shares(setpoint, feed_mm_s))
     }
 
-    /// As [`Self::classify`], for known shares.
+    /// Like [`Self::classify`], for known ratios.
     #[must_use]
     pub fn judge(&self, setpoint: &Setpoint, shares: &Shares) -> Limiting {
         let still = shares

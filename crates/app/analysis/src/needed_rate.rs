@@ -8,9 +8,9 @@ use serde::Serialize;
 
 use crate::limiting::bend;
 
-/// Lower rates are no requirement, Hz: the curvature of a slanted line is the rounding error of its
-/// setpoints, eps a / v^2, which would need sqrt(eps a / (8 e)), 1e-4 Hz at an acceleration of 100 m/s2 and a
-/// chord error of 1 um. A machine runs at 250 Hz at least.
+/// Lower rates are not reported, Hz. The curvature of a slanted line is the rounding error of its setpoints,
+/// eps a / v^2, which would require sqrt(eps a / (8 e)): 1e-4 Hz at an acceleration of 100 m/s2 and a chord
+/// error of 1 um. A machine runs at 250 Hz or more.
 const MIN_RATE_HZ: f64 = 0.01;
 
 /// The control rate that the plan of a program requires: equation (4) with the planned feed and the actual
@@ -79,7 +79,7 @@ mod tests {
             needed.see(&setpoint, &machine);
             needed
         };
-        // Along the path, but for the last bits.
+        // Along the path, except for the last bits.
         let line = seen([461.0, 184.0 + 3e-14, 65.0]);
         assert_eq!(line, NeededRate::default());
         assert!(line.to_string().contains("no curves"));

@@ -1,4 +1,4 @@
-//! Process files: cutting data for self-programmed turning cycles, and files of adaptive feed control.
+//! Process files: cutting data for load-adaptive turning cycles, and files of adaptive feed control.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -57,7 +57,7 @@ pub(crate) fn install_process(
     Ok(())
 }
 
-/// What distinguishes the files: only a process file of turning has feeds.
+/// The property that distinguishes the files: only a process file of turning has feeds.
 #[derive(serde::Deserialize)]
 struct ProcessKind {
     feed: Option<IgnoredAny>,

@@ -1,5 +1,5 @@
-//! The programs of [`BoreProgram`] cut a grid of material, as text: no rapid and no plunge of finishing may
-//! meet any.
+//! Runs the text of programs from [`BoreProgram`] on a grid of material: rapids and plunges of finishing must
+//! not meet any.
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_analysis::{BoreError, BoreFinishing, BoreProgram, BoreRequest, BoreRoughing};
@@ -92,8 +92,8 @@ impl Stock {
         if let Some(r) = base_mm {
             let roll = |[x, y]: [f64; 2]| ((x * x + y * y) / (r * r) - 1.0).max(0.0).sqrt();
             let (first, last) = (roll(from), roll(end));
-            // An involute that unrolls to the left and runs inwards is one that unrolls to the right and runs
-            // outwards.
+            // An involute that unrolls to the left and runs inwards equals one that unrolls to the right and
+            // runs outwards.
             let hand = if last > first { turn } else { -turn };
             let turned = from[1].atan2(from[0]) - hand * (first - first.atan());
             let count = 1 + (0.5 * r * (last * last - first * first).abs() / step_mm) as usize;
@@ -211,7 +211,8 @@ fn random_request(random: &mut Random) -> BoreRequest {
     }
 }
 
-/// Cells that stand when roughing from the centre is done and the tool moves down `distance_mm` from it.
+/// Cells of material that remain when roughing from the centre is done and the tool moves down `distance_mm`
+/// from it.
 fn met_after_roughing(request: &BoreRequest, distance_mm: f64) -> usize {
     let alone = BoreRequest {
         finishing: None,
@@ -244,7 +245,7 @@ fn finishing_moves_down_only_where_roughing_has_cut() {
                 ..
             }) => {
                 refused += 1;
-                // A start that is refused by much would have met material.
+                // A start that is rejected by a wide margin would have met material.
                 let cell_mm = request.hole_mm / CELLS as f64;
                 let is_central = request
                     .roughing
@@ -363,7 +364,7 @@ fn coordinates_have_no_noise_of_rounding() {
     {
         let digits = word.split_once('.').map_or(0, |(_, decimals)| decimals.len());
         let value: f64 = word[1..].parse().unwrap();
-        // More digits only where nine are another number.
+        // More than nine decimals are used only if nine would be another number.
         let short = (value * 1e9).round() * 1e-9;
         let is_given = word.starts_with(['R', 'F']);
         assert!(digits <= 9 || is_given || (value - short).abs() > 1e-12, "{word}");

@@ -1,4 +1,4 @@
-//! Tests of what an analysis writes for the user.
+//! Tests of the results that an analysis writes for the user.
 
 mod bore_material;
 mod turning_errors;

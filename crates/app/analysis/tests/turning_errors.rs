@@ -1,4 +1,4 @@
-//! Errors of a turning trial name the job, not a file that is gone.
+//! Errors of a turning trial name the job, not a temporary file.
 
 use std::path::Path;
 

@@ -110,7 +110,7 @@ pub(crate) struct BoreArgs {
 }
 
 impl BoreArgs {
-    /// Refuses options of a part of the work that is left out: they would have no effect.
+    /// Rejects options of a part of the work that is omitted, since they would have no effect.
     fn check(&self) -> Result<(), CommandError> {
         let roughing = [
             ("--pitch", self.pitch.is_some()),
@@ -270,8 +270,7 @@ mod tests {
 
     const BORE_200: &str = "--hole 200 --tool 40 --pitch 4 --allowance 1 --finish --start -40,40";
 
-    /// Executes a program's moves: the curves of its G2, G3, G2.2 and G3.2, with an independent reader of
-    /// words.
+    /// The curves of a program's G2, G3, G2.2 and G3.2, read by an independent parser.
     fn curves(text: &str) -> Vec<Curve> {
         let mut at = Axes::zeros();
         let mut curves = Vec::new();
@@ -499,8 +498,8 @@ mod tests {
             );
             assert!(planned > at_feed && planned < 1.6 * at_feed, "{path}");
         }
-        // By hand: half circles of R/10, 2R/10, .. R, and one full circle; all of them about as long as the
-        // circles of their turns.
+        // By hand: half circles of R/10, 2R/10, .. R, and one full circle, with a total length close to that
+        // of the circles of their turns.
         let half = of("half circles")["length_mm"].as_f64().unwrap();
         assert!(
             (half - std::f64::consts::PI * (2.0 * 55.0 + 40.0)).abs() < 1e-9,
@@ -515,7 +514,7 @@ mod tests {
             of("helix")["length_mm"].is_null()
                 && of("helix")["remark"].as_str().unwrap().contains("30.000 mm")
         );
-        // The hole's place on the machine does not change the times of paths that all fit.
+        // The hole's position on the machine does not change the times of paths that are within the travel.
         let moved: Value =
             serde_json::from_str(&program(&format!("{options} {machine} --center 20,-30")).unwrap()).unwrap();
         for (path, there) in list.iter().zip(moved["comparison"].as_array().unwrap()) {
@@ -525,7 +524,7 @@ mod tests {
             };
             assert!((here_s / there_s - 1.0).abs() < 0.01, "{path} and {there}");
         }
-        // Where the hole does not fit into the travel, no path does.
+        // If the hole is not within the travel, neither is any path.
         let beyond = program(&format!("{options} {machine} --center 9000,0")).unwrap_err();
         assert!(beyond.contains("involute"), "{beyond}");
         let deep = program("--hole 0.06 --tool 0.05 --pitch 0.001 --depth 400 --compare").unwrap();

@@ -26,11 +26,11 @@ use crate::bridge_ethercat as ethercat;
 use crate::bridge_mesa as mesa;
 use crate::{CommandError, Ending};
 
-/// Real-time priority of simulated drives where the system permits it, below that of the core.
+/// Real-time priority of simulated drives, if the system permits it; below that of the core.
 const PRIORITY: u8 = 40;
 
-/// Index pulses of a simulated encoder are so far apart, of the distance within which homing expects one, and
-/// the switch closes so far before one: in the middle between two.
+/// Distance between two index pulses of a simulated encoder, as a fraction of the distance within which
+/// homing expects one. The switch closes in the middle between two pulses.
 const PITCH_FRACTION: f64 = 0.75;
 const SWITCH_FRACTION: f64 = 0.5 * PITCH_FRACTION;
 
@@ -215,7 +215,7 @@ pub(crate) fn stop_on_signals() -> Result<Arc<AtomicBool>, CommandError> {
     Ok(stop)
 }
 
-/// What `--seconds` allows; none for ever.
+/// The duration of `--seconds`; `None` for no limit.
 pub(crate) fn duration_of(seconds: Option<f64>) -> Result<Option<Duration>, CommandError> {
     match seconds {
         None => Ok(None),
@@ -226,7 +226,7 @@ pub(crate) fn duration_of(seconds: Option<f64>) -> Result<Option<Duration>, Comm
     }
 }
 
-/// How a bridge to hardware ends: badly where its time is up and the hardware never came up.
+/// The ending of a hardware bridge: a failure if its time is over and the hardware never came up.
 pub(crate) fn ending_of_bridge(
     seconds: Option<f64>,
     stop: &AtomicBool,
@@ -272,7 +272,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         .unwrap_or_default();
     let spindles = match &machine {
         Some(machine) => spindles_of(machine, args),
-        // As the suite of all bridges wants it.
+        // As required by the test suite of all bridges.
         None if args.loopback => vec![SpindleSimulation::usual(0)],
         None => Vec::new(),
     };
@@ -307,7 +307,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
             event => writeln!(err, "{event}"),
         };
     };
-    // Feedback and loads that come late stop a machine as a broken cable does.
+    // Late feedback and loads stop a machine like a broken cable.
     let _granted = apply_to_this_thread(&RealtimeRequest {
         priority: Some(PRIORITY),
         ..RealtimeRequest::default()
@@ -328,7 +328,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
     report_sim(args, &name, &report, out, err)
 }
 
-/// Every number within what makes sense; how long it is to run, none for ever.
+/// Checks the ranges of all numbers. Returns the duration; `None` for no limit.
 fn checked_ranges(args: &SimArgs) -> Result<Option<Duration>, CommandError> {
     let usage = |text: String| CommandError::Usage(text);
     let within = |name: &str, value: f64, least: f64, most: f64| {
@@ -351,7 +351,7 @@ fn checked_ranges(args: &SimArgs) -> Result<Option<Duration>, CommandError> {
     duration_of(args.seconds)
 }
 
-/// What the bridge makes of outputs, and which inputs it sends.
+/// The simulated reaction to outputs, and the inputs that the bridge sends.
 fn signalling_of(args: &SimArgs, machine: Option<&Machine>) -> Result<Option<Signalling>, CommandError> {
     let signalling: Option<Signalling> = match machine {
         _ if args.loopback => Some(loopback(machine.map_or_else(LoopbackInputs::all, looped_inputs))),
@@ -412,7 +412,7 @@ fn spindles_of(machine: &Machine, args: &SimArgs) -> Vec<SpindleSimulation> {
         .collect()
 }
 
-/// The stock of a job under the axes.
+/// The stock of a turning job, cut by the axes.
 fn cutting(job: &TurningJob, period_ns: u64) -> Option<Cutting> {
     let mut process = SimulatedProcess::new(job, period_ns as f64 * 1e-9)?;
     Some(Box::new(move |position: &[f64; AXES]| {
@@ -421,7 +421,7 @@ fn cutting(job: &TurningJob, period_ns: u64) -> Option<Cutting> {
     }))
 }
 
-/// Inputs from a file, over the time since the first setpoint.
+/// Inputs from a file, by the time since the first setpoint.
 fn signalling(mut script: InputScript) -> Signalling {
     let (mut now, mut first_ns) = (MachineInputs::default(), None);
     Box::new(move |setpoint: Option<&Setpoint>, _: &MachineOutputs| {
@@ -430,7 +430,7 @@ fn signalling(mut script: InputScript) -> Signalling {
             setpoint.due_time_ns.saturating_sub(first_ns) as f64 * 1e-9
         });
         let place = setpoint.map(|setpoint| (setpoint.path_mm, setpoint.line));
-        // One at a time: a value that changes and changes back at once is sent as both.
+        // One change at a time: a value that changes and changes back immediately is sent as both.
         if let Some(image) = script.step(seconds, place) {
             (now.digital_mask, now.digital) = (image.digital_known, image.digital);
             (now.analog_mask, now.analog) = (image.analog_known, image.analog);
@@ -465,8 +465,8 @@ fn closed_chain(machine: &Machine) -> u64 {
     chain.map_or(0, |estop| 1 << estop.input)
 }
 
-/// Drives with slightly more than the limits of a machine file, to allow for the rounding that its guard
-/// permits.
+/// Drives with limits slightly above those of the machine file, to allow for the rounding that the guard of
+/// the core permits.
 fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
     let period_ns = machine
         .period_ns(machine.rate)
@@ -506,7 +506,8 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
     Ok(settings)
 }
 
-/// Where the home switch of a simulated axis closes, so that homing finds what its table says.
+/// The position at which the home switch of a simulated axis closes, so that homing finds the value in its
+/// table.
 fn home_switch(homing: &HomingSettings) -> f64 {
     match homing.method {
         HomingMethod::SwitchThenIndex { when_opening, within } => {
@@ -518,7 +519,7 @@ fn home_switch(homing: &HomingSettings) -> f64 {
     }
 }
 
-/// The index pulses of its encoder, likewise.
+/// The index pulses of the axis's encoder, chosen in the same way.
 fn index_pulses(homing: &HomingSettings) -> Option<SimIndex> {
     match homing.method {
         HomingMethod::SwitchThenIndex { within, .. } | HomingMethod::Index { within } => Some(SimIndex {
@@ -529,7 +530,7 @@ fn index_pulses(homing: &HomingSettings) -> Option<SimIndex> {
     }
 }
 
-/// The command that is tested: the simulated bridge where none is given.
+/// The command under test; the simulated bridge if none is given.
 fn command_under_test(args: &TestArgs, program: Option<&Path>) -> Vec<String> {
     let mut command = args.command.clone();
     if command.is_empty()
@@ -586,7 +587,7 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
     let seed = args
         .seed
         .unwrap_or_else(|| now.map_or(1, |since| since.as_nanos() as u64));
-    // The simulated bridge has all of them.
+    // The simulated bridge supports all of them.
     let is_simulated = args.command.is_empty();
     let parts: Vec<Part> = [
         (Part::Signals, args.signals),

@@ -180,8 +180,8 @@ pub(crate) fn run(
     let report = report.map_err(|error| match error {
         RunError::Bridge(BridgeError::Bus(BusError::Name(_) | BusError::Prefix { .. }))
         | RunError::Dump { .. } => usage(error.to_string()),
-        // An interface may come up after the bridge has started at boot, and a core with other axes may start
-        // again with the right ones: units start the bridge again.
+        // The interface may come up after the bridge was started at boot, and a core with other axes may be
+        // replaced with the right one: systemd units start the bridge again.
         error => CommandError::Failed(error.to_string()),
     })?;
     if args.json {

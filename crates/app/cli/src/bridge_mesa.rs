@@ -91,7 +91,7 @@ pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     });
     let report = report.map_err(|error| match error {
         BridgeError::Bus(BusError::Name(_) | BusError::Prefix { .. }) => usage(error.to_string()),
-        // A core with other axes may start again with the right ones: units start the bridge again.
+        // A core with other axes may be replaced with the right one: systemd units start the bridge again.
         error => CommandError::Failed(error.to_string()),
     })?;
     if args.json {

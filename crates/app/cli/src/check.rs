@@ -39,7 +39,7 @@ pub(crate) fn run(
     err: &mut dyn Write,
 ) -> Result<Ending, CommandError> {
     let mut setup = args.program.setup()?;
-    // Folders that do not exist are among the warnings of the check.
+    // The warnings of the check include folders that do not exist.
     crate::program::warn_of_values(&setup.machine, err);
     let case = sort_process_files(&mut setup, &args.process, Clock::Realtime)?;
     let start = args.program.tell_start(&setup, err);
@@ -142,7 +142,7 @@ fn to_json(file_name: &str, found: &Checked, chatter: Option<&ChatterWarnings>) 
     })
 }
 
-/// Why a part of the program was not checked; line and file of the loop that is the reason.
+/// The reason why a part of the program was not checked, with line and file of the loop that caused it.
 pub(crate) fn unchecked_json(bound: &CheckBound) -> serde_json::Value {
     let (file, line) = match bound {
         CheckBound::Loop { place, .. } => (place.file.as_deref(), Some(place.line)),

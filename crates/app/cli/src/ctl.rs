@@ -39,7 +39,8 @@ pub(crate) fn run(args: &CtlArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         ..ClientConfig::new(&name)
     };
     if let Some(code) = stopping_command(&args.action) {
-        // Only the command itself: it needs neither a status nor a connection among the screens.
+        // Sends only the command itself, without a status and without one of the connections reserved for
+        // screens.
         let mut client = ControlClient::open_in_need(&config).map_err(|error| failed(&error))?;
         opened.store(true, Ordering::Release);
         let answer = client
@@ -86,7 +87,7 @@ fn stopping_command(action: &Action) -> Option<CommandCode> {
 }
 
 /// Ends the process after a while, unless the returned flag was set: the sender of an emergency stop must
-/// know that it does not get through.
+/// learn that it was not delivered.
 fn give_up_after(limit: Duration) -> Arc<AtomicBool> {
     let done = Arc::new(AtomicBool::new(false));
     let of_thread = Arc::clone(&done);
@@ -99,7 +100,7 @@ fn give_up_after(limit: Duration) -> Arc<AtomicBool> {
                 .iter()
                 .map(|(path, _)| path.display().to_string())
                 .collect();
-            // If nobody reads it, the exit code tells.
+            // If standard error is closed, the exit code still reports it.
             let _unread = writeln!(
                 std::io::stderr(),
                 "error: the bus does not open within {:.0} s, so the command was not sent: use the hardware \
@@ -139,7 +140,7 @@ fn fresh_status(reader: &mut StatusReader) -> Result<Status, CommandError> {
             .latest()
             .map_err(|error| CommandError::Failed(error.to_string()))?;
         if let Some(status) = latest {
-            // A status that does not change may be a dead core's.
+            // A status that does not change may belong to a dead core.
             if first.is_some_and(|first| status.sequence > first) {
                 return Ok(status);
             }

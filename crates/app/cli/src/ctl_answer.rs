@@ -11,15 +11,15 @@ use crate::{CommandError, Ending};
 /// The machine state of an emergency stop.
 const IN_ESTOP: u32 = 0;
 
-/// How a job has ended that was waited for.
+/// The end of a job that was waited for.
 pub(crate) struct JobEnd<'a> {
     pub(crate) status: &'a Status,
-    /// This command stopped it, as its user wanted: that is no failure.
+    /// This command stopped it on request, which is not a failure.
     pub(crate) by_own_stop: bool,
 }
 
 impl JobEnd<'_> {
-    /// Why the job is not done, if it is not.
+    /// The reason why the job was not completed, if it was not.
     fn failure(&self, job: u64) -> Option<String> {
         let status = self.status;
         if job == 0 {
@@ -38,7 +38,7 @@ impl JobEnd<'_> {
         if !is_fault && (!is_stopped || self.by_own_stop) {
             return None;
         }
-        // An emergency stop is no alarm; a chain that is open is one. A warning stops nothing.
+        // An emergency stop by command is not an alarm; an open chain is one. A warning stops nothing.
         let is_estop = status.machine_state == IN_ESTOP;
         if ((is_fault && !is_estop) || has_latched_alarm(status))
             && let Some(text) = alarm_text(status)
@@ -64,7 +64,7 @@ pub(crate) fn has_latched_alarm(status: &Status) -> bool {
         .any(|&number| Alarm::from_number(number).is_none_or(Alarm::is_latched))
 }
 
-/// The cause of the alarms in force with its number.
+/// The cause of the active alarms, with its number.
 fn alarm_text(status: &Status) -> Option<String> {
     let number = status.listed_alarms().first().copied()?;
     let known = Alarm::from_number(number).map_or("", |alarm| alarm.sentence());

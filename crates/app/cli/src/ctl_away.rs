@@ -12,7 +12,8 @@ use crate::ctl_request::request;
 use crate::ctl_session::{MAX_LOOKS, POLL, Session};
 use crate::{CommandError, Ending};
 
-/// Axes that have not moved for this long are at rest. Between two parts of the way back they stop for less.
+/// Axes that have not moved for this time are at rest. Between two legs of the return they stop for less
+/// time.
 const REST: Duration = Duration::from_millis(250);
 /// Distance from the target below which a jog has reached it, mm or degrees.
 const AT_TARGET: f64 = 1e-6;
@@ -24,8 +25,8 @@ pub(crate) fn is_of_program(status: &Status) -> bool {
     matches!(status.activity, 1 | 2)
 }
 
-/// How far an axis with this index is from its target, mm or degrees. Angles are shown modulo a turn where
-/// the axis is unlimited: one that has moved may have turned fully, and one that has not is where it was.
+/// Distance of the axis with this index from its target, mm or degrees. Angles of an unlimited axis are shown
+/// modulo a turn: if it has moved, it may have turned fully; if it has not moved, it has its old angle.
 fn off_target(axis: usize, difference: f64, has_moved: bool) -> f64 {
     if has_moved && AxisLetter::ALL.get(axis).is_some_and(|letter| letter.is_rotary()) {
         let rest = difference.rem_euclid(360.0);
@@ -35,8 +36,8 @@ fn off_target(axis: usize, difference: f64, has_moved: bool) -> f64 {
     }
 }
 
-/// Whether an axis with this index has gone by `distance`, mm or degrees. `was_seen`: a status has shown it
-/// move; a short jog is over between two.
+/// Whether the axis with this index has moved by `distance`, mm or degrees. `was_seen`: a status has shown it
+/// in motion; a short jog may begin and end between two.
 fn has_arrived(axis: usize, from: f64, distance: f64, to: f64, was_seen: bool) -> bool {
     off_target(axis, from + distance - to, was_seen || to != from) <= AT_TARGET
 }
@@ -57,7 +58,7 @@ impl Session {
         out: &mut dyn Write,
     ) -> Result<Ending, CommandError> {
         self.catch_signals()?;
-        // An increment from rest has one target; one that adds to another has its own.
+        // An increment from rest has one target; one that is added to another has a different one.
         let start = (self.latest()?)
             .filter(|status| status.velocity.iter().all(|velocity| *velocity == 0.0))
             .filter(|_| order.command == CommandCode::Jog as u32 && order.index == 1)
@@ -143,7 +144,7 @@ mod tests {
 
     #[test]
     fn a_short_jog_arrives_though_no_status_showed_it() {
-        // Across 0, where the displayed angle wraps; and a jog that did not begin.
+        // Across 0, where the displayed angle wraps, and a jog that did not begin.
         assert!(has_arrived(3, 359.99, 0.02, 0.01, false));
         assert!(!has_arrived(3, 359.99, 0.02, 359.99, false));
         assert!(!has_arrived(3, 10.0, 360.0, 10.0, false) && has_arrived(3, 10.0, 360.0, 10.0, true));
@@ -158,8 +159,8 @@ mod tests {
         assert_eq!(off_target(0, 360.0, true), 360.0);
     }
 
-    /// Where nothing has moved, a full turn was not made: of a limited axis, or of one whose jog was stopped
-    /// before it began.
+    /// If nothing has moved, no full turn was made: of a limited axis, or of one whose jog was stopped before
+    /// it began.
     #[test]
     fn a_turn_that_never_began_is_missed() {
         assert_eq!(off_target(3, 360.0, false), 360.0);

@@ -1,4 +1,4 @@
-//! `evolvent ctl io`: inputs, outputs, switches and spindles as they are.
+//! `evolvent ctl io`: present state of inputs, outputs, switches and spindles.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -36,10 +36,10 @@ struct Signal {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Spindle {
     number: u32,
-    /// A number of the list of directions.
+    /// A number in the list of directions.
     direction: u32,
     commanded_rpm: f64,
-    /// Negative counter-clockwise; none if it is not known.
+    /// Negative counter-clockwise; `None` if unknown.
     measured_rpm: Option<f64>,
 }
 
@@ -52,7 +52,7 @@ struct Switches {
 }
 
 impl Switches {
-    /// Of all bridges; none if none is heard.
+    /// Combines the reports of all bridges; `None` without any.
     fn of(bridges: &[Feedback]) -> Option<Self> {
         let mask = |of: fn(&Feedback) -> u32| {
             let bits = bridges.iter().map(of).fold(0, |all, bits| all | bits);
@@ -74,22 +74,22 @@ impl Switches {
     }
 }
 
-/// Everything received.
+/// The received messages.
 #[derive(Clone, Debug, Default)]
 struct Periphery {
     inputs: Vec<Signal>,
     outputs: Vec<Signal>,
     spindles: Vec<Spindle>,
     probe: u32,
-    /// With the names of the machine file.
+    /// Whether names from a machine file are available.
     is_named: bool,
-    /// None if no bridge sends feedback.
+    /// `None` if no bridge sends feedback.
     switches: Option<Switches>,
-    /// Why the core discards messages of inputs: what they say is unknown.
+    /// Why the core discards messages of inputs, so that their values are unknown.
     discarded: Vec<String>,
 }
 
-/// Prints them. `machine`: the machine file, which gives the names.
+/// Prints inputs, outputs, switches and spindles. `machine` is the machine file, which contains the names.
 pub(crate) fn run(
     bus: &ClientBus,
     machine: Option<&Path>,
@@ -126,7 +126,7 @@ pub(crate) fn run(
     Ok(Ending::Clean)
 }
 
-/// The present outputs and status, and the newest messages of each bridge that are not too old.
+/// The present outputs and status, and the newest message of each bridge that is not too old.
 struct Heard {
     outputs: Option<MachineOutputs>,
     inputs: Vec<MachineInputs>,
@@ -134,7 +134,7 @@ struct Heard {
     status: Option<Status>,
 }
 
-/// Listens for as long as messages are collected.
+/// Collects messages for [`LISTENING`].
 fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Heard, Box<dyn std::error::Error>> {
     let (mut outputs, mut inputs, mut status) = (bus.outputs()?, bus.inputs()?, bus.status()?);
     let mut reports = bus.feedback()?;
@@ -166,8 +166,8 @@ fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Heard, B
     })
 }
 
-/// The messages that the core uses, and why it discards the others. Without the machine file its inputs are
-/// not known.
+/// The messages that the core uses, and the reasons why it discards the others. The inputs are known only
+/// with the machine file.
 fn accepted(
     settings: Option<&SignalSettings>,
     messages: Vec<MachineInputs>,
@@ -175,7 +175,7 @@ fn accepted(
 ) -> (Vec<MachineInputs>, Vec<String>) {
     let mut discarded = Vec::new();
     let objection = |message: &MachineInputs| {
-        // They are as old as the wait for others has been long, which `listen` has checked.
+        // Their age includes the time of collecting, and `listen` has already checked it.
         let fresh = MachineInputs {
             time_ns: now_ns,
             ..*message
@@ -438,7 +438,7 @@ number = 63
             ])
         );
         assert_eq!(whole["outputs"][0]["value"], 1.0);
-        // Without a machine file signals with a value are listed by number.
+        // Without a machine file, signals with a value are listed by number.
         let bare = Periphery::of(None, None, &[bridge], None);
         let numbers: Vec<u32> = bare.inputs.iter().map(|signal| signal.number).collect();
         assert_eq!((numbers, bare.outputs.len()), (vec![3, 5], 0));
@@ -453,7 +453,7 @@ number = 63
             .write(&mut page)
             .unwrap();
         let page = String::from_utf8(page).unwrap();
-        // The switches, too: no bridge is heard.
+        // Including the switches, since there is no bridge.
         assert_eq!(page.matches("unknown").count(), 4, "{page}");
     }
 

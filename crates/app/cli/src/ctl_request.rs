@@ -93,7 +93,7 @@ pub(crate) fn with_text(code: CommandCode, text: &str) -> Result<ControlRequest,
     Ok(wanted)
 }
 
-/// An absolute path, because the core has another working folder.
+/// An absolute path, because the core has another working directory.
 pub(crate) fn absolute(path: &Path) -> Result<String, CommandError> {
     let path = std::path::absolute(path)
         .map_err(|error: io::Error| CommandError::Usage(format!("{}: {error}", path.display())))?;
@@ -177,7 +177,7 @@ pub(crate) fn jog(
     Ok(wanted)
 }
 
-/// One axis and its step, or none.
+/// One axis and its step, or `None`.
 pub(crate) fn handwheel(axis: Option<&str>, step: Option<f64>) -> Result<ControlRequest, CommandError> {
     let axes_mask = axis.map_or(Ok(0), letters_mask)?;
     Ok(ControlRequest {

@@ -21,9 +21,9 @@ use crate::ctl_request::{
 use crate::signals::stop_at_first;
 use crate::{CommandError, Ending};
 
-/// Timeout of an answer: on a busy host the check of a program may take long.
+/// Timeout of an answer: checking a program may take long on a busy host.
 const ANSWER: Duration = Duration::from_secs(30);
-/// The same for a command that stops: its sender must soon know that no core receives it.
+/// Timeout of a command that stops: its sender must learn soon that no core has received it.
 pub(crate) const STOP_ANSWER: Duration = Duration::from_secs(5);
 /// Commands that stop, or that prevent an automatic stop.
 const STOPPING: [CommandCode; 6] = [
@@ -47,7 +47,7 @@ pub(crate) const MAX_LOOKS: u32 = 400;
 /// Minimum duration of a program stop: user-defined M codes pass through a short one.
 const PROGRAM_STOP: Duration = Duration::from_millis(300);
 
-/// Maximum wait for the approach to the middle of a program.
+/// Maximum wait for the computation of an approach.
 const WAY: Duration = Duration::from_secs(120);
 
 /// End of the status's message while a user-defined M code runs.
@@ -65,10 +65,10 @@ pub(crate) struct Session {
     pub(crate) interrupted: Arc<AtomicBool>,
 }
 
-/// The action of a command that waits for its end, beyond waiting.
+/// How a command waits for its end.
 #[derive(Clone, Copy, PartialEq)]
 struct Waiting {
-    /// The command that ends the job when this command is interrupted; none if the job continues.
+    /// The command that ends the job when this command is interrupted; `None` if the job continues.
     stop: Option<CommandCode>,
     /// Whether a program stop ends the wait.
     until_program_stop: bool,
@@ -77,7 +77,7 @@ struct Waiting {
 /// A command, and how to wait for its end.
 struct Order {
     request: ControlRequest,
-    /// None if the command ends with the answer.
+    /// `None` if the command is complete with its answer.
     wait: Option<Waiting>,
 }
 
@@ -96,15 +96,15 @@ impl From<ControlRequest> for Order {
     }
 }
 
-/// What came of a START.
+/// Result of a START.
 enum Started {
-    /// The program runs, or waits before its approach; what to print.
+    /// The program runs, or waits before its approach; the text to print.
     Runs(String),
     Failed(Box<Status>),
 }
 
 impl Session {
-    /// Carries out an action, and waits for its end where it has one.
+    /// Carries out an action, and waits until it is complete.
     pub(crate) fn act(
         &mut self,
         action: &Action,
@@ -331,7 +331,7 @@ impl Session {
                 std::thread::sleep(POLL);
                 continue;
             };
-            // What stands against the way ends the job.
+            // An objection to the approach ends the job.
             if status.job_result != 0 {
                 return Ok(Started::Failed(Box::new(status)));
             }
@@ -388,7 +388,7 @@ impl Session {
                 if seen && has_latched_alarm(&status) {
                     return self.tell_end(&answer, Some(&status), false, out);
                 }
-                // Another client has switched off: the machine will not come on.
+                // Another client has switched off, so the machine will not come on.
                 if status.cycles > answer.sequence + 100 && status.power != 1 {
                     return Err(CommandError::Failed(
                         "power was switched off before the drives were enabled".to_owned(),
@@ -447,7 +447,7 @@ impl Session {
                     ));
                 }
                 told = wanted;
-                // A wait for a speed, an angle or an input is over by itself, and `resume` does not end it.
+                // A wait for a speed, an angle or an input ends by itself, and `resume` does not end it.
                 let is_at_stop = status.job == job
                     && status.state == AT_PROGRAM_STOP
                     && status.switches & switches::INPUT_WAIT == 0
@@ -502,7 +502,7 @@ impl Session {
             if renewed.elapsed() >= every {
                 renewed = Instant::now();
                 let kept = self.send(&request(CommandCode::JogKeep))?;
-                // Another client has taken the jog over: its motion is not for this one to stop.
+                // Another client has taken over the jog, so this one must not stop it.
                 if kept.alarm == Alarm::Busy.number() {
                     return tell(&kept, None, self.json, out);
                 }
@@ -516,7 +516,7 @@ impl Session {
             std::thread::sleep(POLL);
         }
         self.send(&request(CommandCode::JogStop))?;
-        // That signal has been handled.
+        // The signal was handled.
         self.interrupted.store(false, Ordering::Relaxed);
         if is_away {
             self.await_rest(&answer)?;
@@ -536,7 +536,7 @@ impl Waiting {
     }
 }
 
-/// The reason why a tool is not confirmed: the machine does not wait for it.
+/// The reason why a tool cannot be confirmed: the machine does not wait for it.
 fn objection_to_loaded(tool: Option<u32>, status: &Status) -> Option<String> {
     let wanted = status.tool_wanted;
     match (status.tool_change, tool) {

@@ -45,8 +45,7 @@ fn axis_letters(mask: u32, axes: &str) -> String {
         .collect()
 }
 
-/// Who changes the tool that the program waits for. State of the probe; none if it is unknown or there is no
-/// probe.
+/// State of the probe; `None` if it is unknown or there is no probe.
 pub(crate) fn probe_state(status: &Status) -> Option<&'static str> {
     match status.switches & (switches::PROBE_OPEN | switches::PROBE_TRIPPED) {
         switches::PROBE_OPEN => Some("open"),
@@ -55,7 +54,7 @@ pub(crate) fn probe_state(status: &Status) -> Option<&'static str> {
     }
 }
 
-/// Whether a tool change was broken off, so that `tool` is only the one before it.
+/// Whether a tool change was interrupted, so that `tool` is the tool before it.
 pub(crate) fn is_tool_unknown(status: &Status) -> bool {
     status.switches & switches::TOOL_UNKNOWN != 0
 }
@@ -68,7 +67,7 @@ fn tool_change(status: &Status) -> &'static str {
     }
 }
 
-/// All fields, by axis where they are per axis.
+/// All fields; values per axis are keyed by axis.
 pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
     let by_axis = |values: &[f64]| {
         let pairs = axes.chars().filter_map(|letter| {
@@ -189,7 +188,7 @@ pub(crate) fn write_status(
             activity => format!("running: {}", name(&ACTIVITIES, activity)),
         };
         write!(out, "  job {} {job}", status.job)?;
-        // Jogs, homing and what comes after a program are of no line.
+        // Jogs, homing and motion after a program belong to no line.
         match status.line {
             0 => writeln!(out)?,
             line => writeln!(out, ", line {line}")?,
@@ -228,7 +227,7 @@ fn write_axes(out: &mut dyn Write, status: &Status, axes: &str) -> io::Result<()
     )?;
     for axis in axes.chars().filter_map(AxisLetter::from_letter) {
         let i = axis.index();
-        // As at the screen: X is what the program writes.
+        // As on the screen, X is the value that programs use.
         let (mark, factor) = match axis {
             AxisLetter::X if is_diameter(status) => ('\u{2300}', 2.0),
             _ => (' ', 1.0),
@@ -264,7 +263,7 @@ pub(crate) fn spindles(status: &Status) -> Vec<Value> {
     each.collect()
 }
 
-/// The spindles as text: of a single one its command alone, as long as nothing measures it.
+/// The spindles as text. A single spindle without measurement shows only its command.
 pub(crate) fn spindle_words(status: &Status, separator: &str) -> String {
     let readings: Vec<SpindleReading> = status.spindles().collect();
     let is_single = readings.len() == 1;
@@ -393,7 +392,7 @@ fn write_messages(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     }
     for &number in status.listed_alarms() {
         let known = Alarm::from_number(number).map_or("unknown", |alarm| alarm.sentence());
-        // The status has the words of the cause, which is listed first.
+        // The status has the text of the cause, which is listed first.
         let text = if status.listed_alarms().first() == Some(&number) && !status.alarm_sentence().is_empty() {
             status.alarm_sentence()
         } else {
@@ -404,7 +403,7 @@ fn write_messages(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     Ok(())
 }
 
-/// Hours, minutes and the nearest second, as at the screen.
+/// Hours, minutes and the nearest second, as on the screen.
 fn clock_time(time_s: f64) -> String {
     let seconds = time_s.max(0.0).round() as u64;
     format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
@@ -420,7 +419,7 @@ mod tests {
             spindle_rpm: 250.0,
             ..Status::default()
         };
-        // A core that does not tell of each.
+        // A core that does not report each spindle.
         assert_eq!(spindle_words(&status, ", "), "spindle 250 rpm");
         status.spindle_mask = 1;
         status.spindle_command_rpm[0] = -300.0;

@@ -6,7 +6,7 @@ use evolvent_ethercat::{CardFinding, CardVerdict};
 use evolvent_runtime::{Finding, Verdict};
 use serde_json::{Value, json};
 
-/// A finding, wherever it was made.
+/// A finding of any part of the report.
 pub(crate) struct FindingRow<'a> {
     name: &'a str,
     value: &'a str,

@@ -107,7 +107,7 @@ pub(crate) enum CommandError {
     Failed(String),
 }
 
-/// How a command ended that did not fail.
+/// The ending of a command that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Ending {
     /// Success: exit code 0.
@@ -116,7 +116,7 @@ pub(crate) enum Ending {
     Negative,
     /// Done, but data was lost or setpoints were late: exit code 3.
     Lossy,
-    /// Done without a finding, but not for all of the input: exit code 3. It has been reported.
+    /// Done without errors, but only for a part of the input: exit code 3. It has been reported.
     Incomplete,
 }
 

@@ -15,7 +15,7 @@ use crate::signals::{ignore_suspension, stop_at_first};
 /// Poll interval of program stops.
 const ANSWER_POLL: Duration = Duration::from_millis(20);
 
-/// The first signal stops within the limits.
+/// The first signal stops the run within the limits.
 pub(crate) fn watch_signals(controls: &Arc<Controls>) -> Result<(), CommandError> {
     ignore_suspension()?;
     let controls = Arc::clone(controls);
@@ -37,7 +37,7 @@ pub(crate) fn resume_on_enter(controls: &Arc<Controls>) {
             if !(progress.at_program_stop && is_new && is_in_foreground()) {
                 continue;
             }
-            // Without this, input typed too early counts; nothing worse.
+            // If this fails, input typed too early counts, which does no harm.
             let _kept = tcflush(io::stdin(), QueueSelector::IFlush);
             match io::stdin().read_line(&mut String::new()) {
                 Ok(bytes) if bytes > 0 => {

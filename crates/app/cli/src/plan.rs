@@ -152,7 +152,7 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     findings.write(args.json, &outcome, out, err)
 }
 
-/// What was found beside the summary.
+/// Results besides the summary.
 struct Findings {
     needed: NeededRate,
     stop: LongestStop,
@@ -222,7 +222,7 @@ fn merge(
     serde_json::to_string(&object)
 }
 
-/// Setpoints as CSV; an incomplete table would be read as a complete one.
+/// Setpoints as CSV. An incomplete table is an error, since a reader could not recognize it.
 struct Table {
     out: BufWriter<OutputFile>,
     path: PathBuf,

@@ -66,8 +66,8 @@ impl ProgramArgs {
         Ok(setup)
     }
 
-    /// The files that are read, and what each is: no output may replace one of them. `setup` names those of
-    /// the machine file.
+    /// The input files and their descriptions; no output may replace one of them. `setup` names those of the
+    /// machine file.
     pub(crate) fn inputs<'a>(&'a self, setup: &'a Setup) -> Vec<(&'a Path, &'static str)> {
         let mut inputs = vec![
             (self.program.as_path(), "the program"),
@@ -124,7 +124,7 @@ impl ProgramArgs {
     }
 }
 
-/// Warns of a machine file: of values that are those of no machine, and of folders that do not exist.
+/// Warns about a machine file: implausible values, and folders that do not exist.
 pub(crate) fn warn_of_machine(setup: &Setup, err: &mut dyn Write) {
     warn_of_values(&setup.machine, err);
     for warning in setup.missing_folders() {
@@ -132,8 +132,7 @@ pub(crate) fn warn_of_machine(setup: &Setup, err: &mut dyn Write) {
     }
 }
 
-/// Warns of values of a machine file that are those of no machine. If standard error is closed, nobody is
-/// left to inform.
+/// Warns about implausible values in a machine file. If standard error is closed, nobody is left to inform.
 pub(crate) fn warn_of_values(machine: &Machine, err: &mut dyn Write) {
     for warning in &machine.warnings {
         drop(writeln!(err, "warning: {warning}"));
@@ -175,7 +174,7 @@ fn parse_planner(text: &str) -> Result<PlannerKind, String> {
 /// Checks an override in percent and returns the factor.
 pub(crate) fn parse_override(text: &str) -> Result<f64, String> {
     match text.trim_end_matches('%').parse::<f64>() {
-        // A run that starts at 0 would never move: nobody could raise the override.
+        // A run that starts at 0 would never move, since nobody could raise the override.
         Ok(percent) if (1.0..=200.0).contains(&percent) => Ok(percent / 100.0),
         _ => Err("give a percentage from 1 to 200".to_owned()),
     }

@@ -159,7 +159,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     kept.map(|()| ending)
 }
 
-/// Adaptive feed, where it is requested and can be combined with the other options.
+/// Adaptive feed, if it is requested and compatible with the other options.
 fn adaptive_settings(args: &RunArgs, setup: &mut Setup) -> Result<Option<AdaptiveSettings>, CommandError> {
     Ok(match &args.adaptive {
         None => None,
@@ -184,7 +184,7 @@ fn adaptive_settings(args: &RunArgs, setup: &mut Setup) -> Result<Option<Adaptiv
     })
 }
 
-/// The trace file, in a folder that exists; none without one.
+/// The trace file, in a folder that exists; `None` without a trace.
 fn trace_file(args: &RunArgs, setup: &Setup) -> Result<Option<PathBuf>, CommandError> {
     let trace = if args.no_trace {
         None
@@ -220,7 +220,7 @@ fn trace_file(args: &RunArgs, setup: &Setup) -> Result<Option<PathBuf>, CommandE
 /// Maximum number of errors shown when a program should run.
 const ERRORS_SHOWN: usize = 10;
 
-/// A program with a known error does not move anything.
+/// Rejects a program with a known error before anything moves.
 fn refuse_wrong_program(
     args: &RunArgs,
     setup: &Setup,
@@ -231,7 +231,7 @@ fn refuse_wrong_program(
     let file = &args.program.program;
     let name = file.display().to_string();
     let mut bounds = CheckBounds::while_one_waits(ERRORS_SHOWN);
-    // With the virtual clock there is no machine to command.
+    // With the virtual clock, user-defined M codes are not carried out.
     bounds.user_codes = clock == Clock::Realtime;
     bounds.confirms_tools = clock == Clock::Virtual || io::stdin().is_terminal();
     let found = evolvent_runtime::check(file, setup, bounds)
@@ -267,9 +267,9 @@ fn refuse_wrong_program(
     )))
 }
 
-/// Writes the program's changes to tools and parameters. A program that did not reach its end keeps none: it
-/// was interpreted ahead of the machine. Neither does one with the virtual clock, whose contacts and lengths
-/// no machine has measured.
+/// Writes the program's changes to tools and parameters. A program that did not reach its end writes none,
+/// because it was interpreted ahead of the machine. Neither does a run with the virtual clock, because no
+/// machine has measured its contacts and lengths.
 fn keep(job: &Job, outcome: &RunOutcome) -> Result<(), CommandError> {
     let Some(left) = outcome
         .left
@@ -284,7 +284,7 @@ fn keep(job: &Job, outcome: &RunOutcome) -> Result<(), CommandError> {
         .map_err(|error| CommandError::Failed(error.to_string()))
 }
 
-/// Summary, errors, and the resulting exit code.
+/// Writes summary and errors, and returns the resulting exit code.
 pub(crate) fn report(
     json: bool,
     outcome: &RunOutcome,

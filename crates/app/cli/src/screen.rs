@@ -6,7 +6,7 @@ use std::path::Path;
 use evolvent_runtime::{Controls, Notice, RunObserver, Summary};
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// Progress on a terminal's standard error, nothing elsewhere; messages of the program always.
+/// Progress on standard error, on a terminal only; messages of the program in any case.
 pub(crate) struct Screen {
     bar: Option<ProgressBar>,
     lines: u64,
@@ -17,7 +17,7 @@ pub(crate) struct Screen {
 }
 
 impl Screen {
-    /// For a program whose lines are counted beforehand. `asks`: someone at the terminal confirms program
+    /// For a program whose lines are counted first. `asks`: an operator at the terminal confirms program
     /// stops.
     pub(crate) fn new(program: &Path, quiet: bool, asks: bool) -> Self {
         let terminal = !quiet && io::stderr().is_terminal();
@@ -45,8 +45,8 @@ impl Screen {
 
     fn say(&self, text: &str) {
         match &self.bar {
-            // Hidden where the terminal cannot move its cursor (TERM is dumb or not set): it prints nothing
-            // then.
+            // The bar is hidden if the terminal cannot move its cursor (TERM is dumb or not set), and then
+            // prints nothing.
             Some(bar) if !bar.is_hidden() => bar.println(text),
             // If standard error is closed, nobody is left to inform.
             _ => drop(writeln!(io::stderr(), "{text}")),

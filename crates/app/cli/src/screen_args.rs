@@ -80,7 +80,7 @@ impl ScreenArgs {
     }
 }
 
-/// The address to open.
+/// Writes the address to open.
 pub(crate) fn write_screen(err: &mut dyn Write, screen: &Screen) -> std::io::Result<()> {
     match screen.watch_address() {
         Some(watch) => {
@@ -96,7 +96,7 @@ pub(crate) fn write_screen(err: &mut dyn Write, screen: &Screen) -> std::io::Res
     if let Some(fingerprint) = screen.fingerprint() {
         writeln!(err, "        certificate, SHA-256: {fingerprint}")?;
     }
-    // Its picture holds the key to operate the machine, which has no business in a log.
+    // The QR code contains the key for operating the machine, which must not appear in a log.
     if let Some(code) = screen.code().filter(|_| std::io::stderr().is_terminal()) {
         writeln!(err, "{code}")?;
     }

@@ -127,7 +127,7 @@ pub(crate) fn run(
     report(args.json, &summary, out)
 }
 
-/// The trace must not replace a file that is read.
+/// Ensures that the trace does not replace an input file.
 fn check_trace(args: &ServeArgs, memory: &ProgramMemory) -> Result<(), CommandError> {
     let inputs = [
         (Some(args.machine.as_path()), "the machine file"),
@@ -143,7 +143,7 @@ fn check_trace(args: &ServeArgs, memory: &ProgramMemory) -> Result<(), CommandEr
 /// A limit of the traces in GiB, as bytes.
 fn parse_gib(text: &str) -> Result<u64, String> {
     match text.parse::<f64>() {
-        // One file is a quarter of it.
+        // One file takes at most a quarter of the limit.
         Ok(gib) if (0.01..=1e6).contains(&gib) => Ok((gib * f64::from(1 << 30)) as u64),
         _ => Err("give a size in GiB from 0.01 to 1000000".to_owned()),
     }

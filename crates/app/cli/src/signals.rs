@@ -1,4 +1,4 @@
-//! What SIGINT, SIGTERM, SIGHUP and SIGQUIT mean to a command that moves axes.
+//! Effect of SIGINT, SIGTERM, SIGHUP and SIGQUIT on a command that moves axes.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,11 +9,11 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGTSTP};
 
 use crate::CommandError;
 
-/// How often signals are looked at.
+/// Poll interval of signals.
 const SIGNAL_POLL: Duration = Duration::from_millis(5);
-/// Signals that follow the first within this are the same request: `timeout` sends one to the process and one
-/// to its group, and a terminal and a shell may both send theirs. To end at the second would leave axes
-/// moving.
+/// Signals that follow the first within this time are the same request: `timeout` sends one to the process
+/// and one to its group, and a terminal and a shell may each send one. Ending at the second would leave axes
+/// in motion.
 const SAME_REQUEST: Duration = Duration::from_millis(500);
 
 /// Calls `stop` at the first SIGINT, SIGTERM, SIGHUP or SIGQUIT. A second SIGINT or SIGTERM, [`SAME_REQUEST`]
@@ -25,9 +25,9 @@ pub(crate) fn stop_at_first(stop: impl FnOnce() + Send + 'static) -> Result<(), 
             signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&ends))?;
             signal_hook::flag::register(signal, Arc::clone(&signalled))?;
         }
-        // Who presses Ctrl-\ wants an end, but not of the process that holds the axes' request.
+        // Ctrl-\ is a request to end, but must not kill the process that controls the axes.
         signal_hook::flag::register(SIGQUIT, Arc::clone(&signalled))?;
-        // Shells and kernels may both send it: a second one is no second request.
+        // Shells and kernels may both send it, so a second one is not a second request.
         signal_hook::flag::register(SIGHUP, Arc::clone(&signalled))
     };
     register().map_err(|error| cannot_be_caught(&error))?;
@@ -42,7 +42,7 @@ pub(crate) fn stop_at_first(stop: impl FnOnce() + Send + 'static) -> Result<(), 
     Ok(())
 }
 
-/// Ctrl-Z does nothing from now on: it would freeze the axes wherever they are.
+/// Ignores Ctrl-Z, which would freeze the axes in motion.
 pub(crate) fn ignore_suspension() -> Result<(), CommandError> {
     signal_hook::flag::register(SIGTSTP, Arc::new(AtomicBool::new(false)))
         .map(drop)

@@ -1,10 +1,10 @@
-//! A terminal in full-screen mode, restored in every case.
+//! A terminal in full-screen mode, which is always restored.
 
 use std::io::{self, IsTerminal, Read as _, Write};
 
 use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcgetwinsize, tcsetattr};
 
-/// Changes to the second screen and hides the cursor, and back.
+/// Switches to the alternate screen and hides the cursor, and back.
 const BEGIN: &str = "\x1b[?1049h\x1b[?25l";
 const END: &str = "\x1b[?25h\x1b[?1049l";
 /// Moves the cursor home, clears the rest of a line and of the screen.
@@ -13,7 +13,7 @@ const CLEAR_LINE: &str = "\x1b[K";
 const CLEAR_BELOW: &str = "\x1b[J";
 const PLAIN: &str = "\x1b[0m";
 
-/// The second screen of the terminal and its keyboard, until it is dropped, also when a panic unwinds.
+/// The alternate screen of the terminal and its keyboard, until dropped, including when a panic unwinds.
 pub(crate) struct Terminal<'a> {
     out: &'a mut dyn Write,
     keys: Keys,
@@ -39,7 +39,7 @@ impl<'a> Terminal<'a> {
         self.out.flush()
     }
 
-    /// Whether q was pressed, or a key that ends programs and inputs.
+    /// Whether q was pressed, or a key that ends programs or input.
     pub(crate) fn wants_to_end(&self) -> bool {
         self.keys.wants_to_end()
     }
@@ -148,7 +148,7 @@ mod tests {
             frame(text, 2, 4),
             "\x1b[H\x1b[K\x1b[1mabcd\x1b[0m\r\n\x1b[Kseco\x1b[0m"
         );
-        // All of it if it fits, with its colours.
+        // The whole text if it fits, with its colours.
         assert_eq!(
             frame(text, 9, 6),
             "\x1b[H\x1b[K\x1b[1mabcdef\x1b[0m\r\n\x1b[Ksecond\r\n\x1b[Kthird\r\n\x1b[J"

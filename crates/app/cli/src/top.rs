@@ -18,9 +18,9 @@ use crate::ctl_status::{
 use crate::terminal::Terminal;
 use crate::{CommandError, Ending};
 
-/// A status that is older belongs to a core that has ended.
+/// An older status belongs to a core that has ended.
 const STALE: Duration = Duration::from_millis(500);
-/// How long a single snapshot waits for a core and its status.
+/// Maximum wait of a single snapshot for a core and its status.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Duration of one search for a core in full-screen mode, between two checks of the keys.
 const LOOK: Duration = Duration::from_millis(300);
@@ -282,8 +282,8 @@ impl Picture<'_> {
                 continue;
             }
             let is_homed = AxisMask::from_bits(self.status.homed_mask).contains(at);
-            // As at the screen: X is what the program writes. Velocity and following error are those of the
-            // axis.
+            // As on the screen, X is the value that programs use. Velocity and following error are those of
+            // the axis.
             let is_diameter = letter == 'X' && is_diameter(self.status);
             let factor = if is_diameter { 2.0 } else { 1.0 };
             let unit = match letter {
@@ -379,14 +379,14 @@ impl Picture<'_> {
     }
 }
 
-/// A text from the bus may contain anything; on a terminal it stays one line and moves no cursor.
+/// A text from the bus may contain anything; here it stays on one line and cannot move the cursor.
 fn one_line(text: &str) -> String {
     text.chars()
         .map(|c| if c.is_control() { ' ' } else { c })
         .collect()
 }
 
-/// The longest stop of a hold in the job so far.
+/// The longest stop by a hold in the job so far.
 fn longest_stop(status: &Status) -> String {
     if status.longest_stop_mm > 0.0 {
         format!(
@@ -507,7 +507,7 @@ mod tests {
         let value = to_json("mill", &status(), "XZ");
         assert_eq!(value["position_machine"], json!({ "X": 0.0, "Z": -7.5 }));
         assert_eq!((&value["state"], &value["line"]), (&json!("running"), &json!(17)));
-        // A deviation of 0 would say that drives follow exactly.
+        // A deviation of 0 would mean that drives follow exactly.
         let mut alone = status();
         alone.following_error = [0.5; 9];
         assert_eq!(to_json("mill", &alone, "XZ")["following_error"]["X"], json!(0.5));

@@ -49,7 +49,7 @@ pub(crate) struct TurnArgs {
     pub(crate) json: bool,
 }
 
-/// Tries the job.
+/// Runs the job.
 ///
 /// # Errors
 /// `Usage` for a bad job or machine, `Failed` if the machine's guard rejects a setpoint or a file cannot be
@@ -176,8 +176,7 @@ mod tests {
         let page = std::fs::read_to_string(report).unwrap();
         assert!(page.contains("<svg") && page.contains("at size") && !page.contains("NaN"));
 
-        // The program follows the same path: equally long, within a few percent, and down to the final
-        // radius.
+        // The program follows the same path: equal length within a few percent, and down to the final radius.
         let text = std::fs::read_to_string(program).unwrap();
         let (mut at, mut minutes, mut lowest) = ((0.0, 0.0), 0.0, f64::INFINITY);
         for line in text

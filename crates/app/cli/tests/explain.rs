@@ -1,4 +1,4 @@
-//! `plan --explain` and `plan --plot` on small programs whose answer is known.
+//! `plan --explain` and `plan --plot` on small programs with known results.
 
 #![expect(clippy::unwrap_used, reason = "a test may fail")]
 
@@ -59,18 +59,18 @@ fn a_line_without_motion_names_the_nearest_ones() {
 
 #[test]
 fn a_long_line_at_its_feed_is_limited_by_its_feed_word() {
-    // 100 mm at 600 mm/min take 10 s; speeding up and slowing down some hundredths.
+    // 100 mm at 600 mm/min take 10 s; acceleration and deceleration take some hundredths.
     let json = explained("G1 X100 F600\nM2\n", 1);
     assert!((json["time_s"].as_f64().unwrap() - 10.0).abs() < 0.2);
     assert_eq!(json["limited_by"][0][0], "feed word");
     assert!(json["limited_by"][0][1].as_f64().unwrap() > 0.98);
-    // A near-optimal plan keeps a little below the feed word.
+    // A time-optimal plan stays slightly below the feed word.
     assert!((json["most_feed_mm_min"].as_f64().unwrap() - 600.0).abs() < 2.0);
     assert!(joined(&json["advice"]).contains("higher feed word"));
 }
 
-/// A pass of a thread, which the cycle drives in step with the spindle, has no block: lines after it have
-/// their own feed words.
+/// A threading pass, which the cycle drives synchronously with the spindle, has no block. The lines after it
+/// have their own feed words.
 #[test]
 fn lines_after_threads_are_compared_with_their_own_feed_words() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! What runs say of themselves: in JSON, in their exit code, in their trace.
+//! Results of runs: JSON, exit codes and traces.
 
 #![expect(
     clippy::unwrap_used,
@@ -16,7 +16,7 @@ use evolvent_trace::{EventKind, TraceFile};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Far beyond what any run here takes.
+/// Far longer than any run here takes.
 const TOO_LONG: Duration = Duration::from_secs(60);
 const MACHINE: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
@@ -24,7 +24,7 @@ const MACHINE: &str = concat!(
 );
 const STATE_STOPPED: u8 = 5;
 
-/// Runs the command to its end, or fails if it does not come to one.
+/// Runs the command to its end, or fails if it does not end.
 fn evolvent(arguments: &[&str]) -> Output {
     let mut child = Command::new(env!("CARGO_BIN_EXE_evolvent"))
         .args(arguments)
@@ -69,7 +69,7 @@ impl Bench {
         evolvent(&["plan", as_str(&program), "--machine", MACHINE, "--json"])
     }
 
-    /// Runs with the virtual clock into `run.mcap`, without a look at the whole program first.
+    /// Runs with the virtual clock and records to `run.mcap`, without checking the whole program first.
     fn run(&self, text: &str) -> (Output, PathBuf) {
         let (program, trace) = (self.program(text), self.path("run.mcap"));
         let output = evolvent(&[
@@ -107,7 +107,7 @@ fn program_stops_in_a_row_are_passed_in_the_same_cycles_each_time() {
     let (first, second) = (bench.plan(text), bench.plan(text));
     assert_eq!(first.status.code(), Some(0));
     assert_eq!(json(&first), json(&second));
-    // The moves alone take all but a handful of cycles.
+    // The moves alone take almost all cycles.
     let none = json(&bench.plan("G1 X1 F600\nG4 P0\nG1 X2\nM2\n"));
     let extra = json(&first)["cycles"].as_u64().unwrap() - none["cycles"].as_u64().unwrap();
     assert!(extra <= 10, "{extra} cycles");
@@ -143,7 +143,7 @@ fn a_program_with_an_error_is_run_up_to_it_and_has_failed() {
 #[test]
 fn nothing_moves_and_nothing_is_written_for_a_program_that_is_wrong_farther_down() {
     let bench = Bench::new();
-    // Not the text's fault but the machine's: it has no probe, and its travel ends.
+    // An error of the machine, not of the text: it has no probe, and its travel ends.
     let program = bench.program("G61\nG1 X5 F600\nG38.2 Z-1\nG1 X9000\nM2\n");
     let trace = bench.path("run.mcap");
     let run = |extra: &str| {
@@ -326,7 +326,7 @@ fn the_next_run_recovers_what_a_killed_run_has_left() {
 fn an_output_that_is_a_device_stays_one() {
     use std::os::unix::fs::FileTypeExt as _;
     let bench = Bench::new();
-    // Not /dev/null itself: whoever breaks this test as root would break the host.
+    // Not /dev/null itself: a failing test run as root would damage the host.
     let null = bench.path("null.csv");
     let null = null.to_str().unwrap();
     let made = Command::new("mknod").args([null, "c", "1", "3"]).status();
@@ -376,7 +376,7 @@ fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
     .unwrap();
     fs::write(bench.path("mill.tbl"), "T1 P1 Z-20 D6 ;the mill\n").unwrap();
     fs::write(bench.path("mill.var"), "31 4\n").unwrap();
-    // All three named by the machine file, relative to it.
+    // The machine file names all three, relative to its folder.
     let machine = fs::read_to_string(MACHINE).unwrap();
     let keys = "[program]\ntool_table = \"mill.tbl\"\nparameters = \"mill.var\"\nsubroutines = [\"subs\"]\n";
     fs::write(bench.path("mill.toml"), format!("{machine}\n{keys}")).unwrap();
@@ -399,11 +399,11 @@ fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
         json(&output)["end_position"],
         serde_json::json!([5.0, 0.0, -15.0])
     );
-    // What no machine has done is not kept.
+    // Changes that no machine has measured are not saved.
     assert_eq!(fs::read_to_string(bench.path("mill.var")).unwrap(), "31 4\n");
     let tools = fs::read_to_string(bench.path("mill.tbl")).unwrap();
     assert_eq!(tools, "T1 P1 Z-20 D6 ;the mill\n");
-    // In real time, whose setpoints may be late here.
+    // In real time, where setpoints may be late.
     let output = run_by("realtime", &[]);
     assert!(
         matches!(output.status.code(), Some(0 | 3)),
@@ -417,7 +417,7 @@ fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
     );
     let tools = fs::read_to_string(bench.path("mill.tbl")).unwrap();
     assert_eq!(tools, "T1 P1 Z-20 D4 ;the mill\n");
-    // The command line goes before the machine file; a plan keeps nothing.
+    // The command line overrides the machine file; a plan saves nothing.
     fs::write(bench.path("other.var"), "31 9\n").unwrap();
     assert_eq!(
         json(&run(&["--parameters", as_str(&bench.path("other.var"))]))["end_position"][0],
@@ -427,7 +427,7 @@ fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
     let plan = evolvent(&["plan", as_str(&program), "--machine", as_str(&machine), "--json"]);
     assert_eq!(json(&plan)["end_position"][0], 6.0);
     assert_eq!(fs::read_to_string(bench.path("mill.var")).unwrap(), kept);
-    // Nor does a run that fails.
+    // A run that fails saves nothing either.
     let broken = text.replace("M2", "G6");
     bench.program(&broken);
     assert_eq!(run(&[]).status.code(), Some(1));
@@ -449,7 +449,7 @@ fn a_start_in_the_middle_is_shown_and_goes_on_as_the_whole_program() {
     };
     let (whole, rest) = (plan(&[]), plan(&["--start-line", "5"]));
     assert_eq!(json(&rest)["end_position"], json(&whole)["end_position"]);
-    // Up, over, down, creep, and the one line that is left.
+    // Up, across, down, plunge at the feed, and the one remaining line.
     assert_eq!(json(&rest)["moves"], 5);
     let told = String::from_utf8_lossy(&rest.stderr).into_owned();
     for part in [
@@ -510,7 +510,7 @@ fn a_message_or_the_next_tool_does_not_stop_the_path() {
     let with_words = "G21 G61 F3000\nG1 X20\n(MSG, half way)\nX40\nT2\nX60\nM2\n";
     let [plain, with_words] = [plain, with_words].map(|text| json(&bench.plan(text))["cycles"].clone());
     assert_eq!(plain, with_words);
-    // 60 mm at 50 mm/s, and little more than one start and one stop.
+    // 60 mm at 50 mm/s, and little more than one acceleration and one deceleration.
     let cycles = plain.as_f64().unwrap() * 0.001_264_809;
     assert!((1.2..1.3).contains(&cycles), "{cycles} s");
 }
@@ -552,7 +552,7 @@ fn a_stepped_replay_ends_with_a_signal_while_it_waits_for_a_line() {
                 &prefix,
                 as_str(&trace),
             ])
-            // It stays open, and nothing comes.
+            // The pipe stays open without input.
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -592,7 +592,7 @@ fn a_turning_job_without_its_whole_trace_ends_with_the_code_of_lost_data() {
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../config");
     let job = format!("{shipped}/processes/turn-shaft.toml");
     let machine = format!("{shipped}/machines/lathe-2axis.toml");
-    // Files of at most 1 MB stand for a full disk; without the signal that the system would send first.
+    // Files of at most 1 MB simulate a full disk; the signal that the system would send first is ignored.
     let output = Command::new("bash")
         .args([
             "-c",
@@ -631,7 +631,7 @@ fn what_is_of_no_machine_and_folders_that_do_not_exist_are_warned_of() {
     assert!(text.contains(key));
     let text = text.replacen(key, "max_jerk_m_s3 = 0.5", 1);
     let machine = bench.path("machine.toml");
-    // A key of another table that begins alike, and the folder on a line of its own.
+    // A key of another table with the same prefix, and the folder on a separate line.
     let folders = "[program]\nuser_codes = [] # subroutines\n\"subroutines\" = [\n  \".\",\n  \"gone\",\n]\n";
     fs::write(&machine, format!("{text}\n{folders}")).unwrap();
     let lines = text.lines().count() + 6;
@@ -653,7 +653,7 @@ fn what_is_of_no_machine_and_folders_that_do_not_exist_are_warned_of() {
         told.contains(":2: F9999999 is far above what the machine can do") && !told.contains("F8888888"),
         "{told}"
     );
-    // At its line, as other warnings of a program.
+    // At its line, like other warnings of a program.
     for command in ["plan", "run"] {
         let output = evolvent(&[command, as_str(&program), "--machine", MACHINE]);
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -661,7 +661,7 @@ fn what_is_of_no_machine_and_folders_that_do_not_exist_are_warned_of() {
         assert_eq!(told.matches(words).count(), 1, "{command}: {told}");
         assert!(!told.contains("F8888888"), "{command}: {told}");
     }
-    // Inverse time, and a few times the speed of the machine: as fast as possible.
+    // Inverse time, and a feed of a few times the machine's speed, which means as fast as possible.
     for text in ["G93\nG1 X0.001 F99999\nG94\nM2\n", "F100000\nG1 X1\nM2\n"] {
         let program = bench.program(text);
         let output = evolvent(&["check", as_str(&program), "--machine", MACHINE]);

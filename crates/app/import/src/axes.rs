@@ -17,12 +17,12 @@ const TRAVEL_WITHOUT_LIMITS: (f64, f64) = (10_000.0, 36_000.0);
 const JERK_TIME_S: f64 = 0.05;
 /// LinuxCNC's default velocity in units/s and acceleration in units/s^2.
 const DEFAULT_LIMIT: f64 = 1.0;
-/// Within this the index pulse is looked for, mm and degrees, because LinuxCNC has no bound: a turn of a
-/// usual screw, or of the axis.
+/// Distance within which the index pulse is searched, mm and degrees, because LinuxCNC has no bound: a turn
+/// of a common screw, or of the axis.
 const INDEX_WITHIN: (f64, f64) = (12.0, 365.0);
-/// No machine has a home switch farther away than this, mm and degrees: the bound of machine files.
+/// Maximum distance of a home switch, mm and degrees: the bound of machine files.
 const MAX_COORDINATE: f64 = 1e9;
-/// No machine has velocities and accelerations above this, in units and seconds.
+/// Maximum velocity and acceleration, in units and seconds.
 const MAX_LIMIT: f64 = 1e5;
 
 /// One axis, in mm or degrees and seconds.
@@ -30,13 +30,13 @@ const MAX_LIMIT: f64 = 1e5;
 pub(crate) struct AxisValues {
     pub(crate) letter: AxisLetter,
     pub(crate) travel: (f64, f64),
-    /// An unlimited rotary axis: no travel.
+    /// An unlimited rotary axis, which has no travel.
     pub(crate) is_unlimited: bool,
     pub(crate) velocity: f64,
     pub(crate) acceleration: f64,
     pub(crate) jerk: f64,
     pub(crate) home: f64,
-    /// Permitted at rest, and the time of motion that is permitted, ms.
+    /// Permitted following error at rest, and permitted time in motion, ms.
     pub(crate) following: (Option<f64>, Option<f64>),
     pub(crate) homing: Option<HomingValues>,
     /// Degrees or mm per unit of the configuration.
@@ -44,11 +44,11 @@ pub(crate) struct AxisValues {
     pub(crate) screws: ScrewValues,
 }
 
-/// By what an axis finds machine zero.
+/// How an axis finds machine zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum HomingMethod {
     Switch,
-    /// `when_opening`: after the edge at which the switch opens.
+    /// `when_opening`: the index pulse after the edge at which the switch opens.
     SwitchIndex {
         when_opening: bool,
     },
@@ -56,7 +56,7 @@ pub(crate) enum HomingMethod {
     Absolute,
 }
 
-/// How an axis is homed, in mm or degrees and seconds.
+/// Homing of an axis, in mm or degrees and seconds.
 #[derive(Debug)]
 pub(crate) struct HomingValues {
     pub(crate) method: HomingMethod,
@@ -64,9 +64,9 @@ pub(crate) struct HomingValues {
     pub(crate) order: u32,
     pub(crate) search: f64,
     pub(crate) latch: f64,
-    /// Where the switch closes, or the index pulse is.
+    /// Position at which the switch closes, or of the index pulse.
     pub(crate) reference: f64,
-    /// Within which the index pulse is looked for.
+    /// Distance within which the index pulse is searched.
     pub(crate) within: f64,
 }
 
@@ -201,7 +201,7 @@ fn values(ini: &mut Ini, sections: &[String], key: &str) -> Result<Vec<f64>, Imp
     Ok(values)
 }
 
-/// An axis that turns without limits has no travel.
+/// Drops the travel of an axis that turns without limits.
 fn drop_travel(ini: &mut Ini, sections: &[String], report: &mut Report) {
     for section in sections {
         for key in ["MIN_LIMIT", "MAX_LIMIT"] {
@@ -392,7 +392,7 @@ fn homing(
         );
         drop_entry(report, &entry, &reason);
     }
-    // Without a switch there is one speed.
+    // Without a switch there is only one speed.
     let search = if method == HomingMethod::Index {
         latch
     } else {
@@ -453,7 +453,7 @@ fn homing(
     }))
 }
 
-/// Reports what the homing of a joint without a search says.
+/// Reports the homing keys of a joint that does not search.
 fn drop_unused_homing(ini: &mut Ini, joint: &str, reference: f64, home: f64, report: &mut Report) {
     let offset = ini.first(joint, "HOME_OFFSET");
     if let Some(entry) = offset.filter(|_| reference != 0.0 && reference != home) {
@@ -469,7 +469,7 @@ fn drop_unused_homing(ini: &mut Ini, joint: &str, reference: f64, home: f64, rep
     }
 }
 
-/// None for a joint that is homed where it is: a machine file needs no table for that.
+/// `None` for a joint that is homed at its present position, for which a machine file needs no table.
 fn homing_method(ini: &mut Ini, joint: &str, search: f64, latch: f64) -> Option<HomingMethod> {
     let absolute = ini.first(joint, "HOME_ABSOLUTE_ENCODER");
     if absolute.is_some_and(|entry| entry.is_true() || entry.value.starts_with('2')) {
@@ -482,7 +482,7 @@ fn homing_method(ini: &mut Ini, joint: &str, search: f64, latch: f64) -> Option<
         return (has_index && latch != 0.0).then_some(HomingMethod::Index);
     }
     Some(if has_index {
-        // With opposite signs LinuxCNC looks for the index while it leaves the switch.
+        // With opposite signs LinuxCNC searches the index while it leaves the switch.
         HomingMethod::SwitchIndex {
             when_opening: search * latch < 0.0,
         }

@@ -60,7 +60,7 @@ pub enum ImportError {
     /// A file to write is one that was read, or two of them are one file; `--force` does not permit this.
     #[error(transparent)]
     Conflict(#[from] evolvent_config::OutputConflict),
-    /// The machine file has another extension: it could have the name of a table beside it.
+    /// The machine file has another extension and could have the name of one of its tables.
     #[error("{}: a machine file has the extension .toml; name another file with --output", path.display())]
     Extension {
         /// The machine file.

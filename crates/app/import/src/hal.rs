@@ -7,7 +7,7 @@ use evolvent_config::read_regular;
 /// Maximum size of a HAL file.
 const MAX_BYTES: u64 = 4 << 20;
 
-/// Components, and their replacement.
+/// HAL components and their replacement.
 const COMPONENTS: &[(&str, &str)] = &[
     ("hm2_eth", "a Mesa Ethernet board"),
     ("hm2_pci", "a Mesa PCI board"),
@@ -23,13 +23,13 @@ const COMPONENTS: &[(&str, &str)] = &[
     ),
 ];
 
-/// Commands of HAL that connect pins.
+/// HAL commands that connect pins.
 const CONNECTING: &[&str] = &["net", "linksp", "linkps", "linkpp"];
 
 /// The pin of a touch probe.
 const PROBE: &str = "motion.probe-input";
 
-/// Spindles whose turns a HAL file counts: their pin is connected.
+/// Spindles whose encoder a HAL file connects.
 pub(crate) fn connected_spindles(file: &Path) -> Vec<u32> {
     let pins = connected(file);
     let numbers = pins.iter().filter_map(|pin| {

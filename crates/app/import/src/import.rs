@@ -20,7 +20,7 @@ use crate::settings::{Settings, drop_entry};
 use crate::tables;
 use crate::text::{self, Names};
 
-/// Maximum number of lines of a tool table that are named.
+/// Maximum number of invalid lines of a tool table that are reported.
 const MAX_ODD_LINES: usize = 20;
 /// Maximum size of a tool table or parameter file.
 const MAX_TABLE_BYTES: u64 = 4 << 20;
@@ -32,7 +32,7 @@ pub struct Import {
     /// Name and text.
     tables: Vec<(String, String)>,
     report: Report,
-    /// Every file of the configuration, and what it is.
+    /// Every file of the configuration, with its description.
     inputs: Vec<(PathBuf, &'static str)>,
 }
 
@@ -60,7 +60,7 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
         tables.push((format!("{stem}.var"), String::new()));
     }
     let new_parameters = tables.first().map(|(name, _): &(String, String)| name.clone());
-    // Of the tool table: line, text and error, and how many there are.
+    // Invalid lines of the tool table (line, text and error), and their number.
     let odd_lines = Cell::new(Vec::new());
     let count_odd = Cell::new(0);
     let mut table =
@@ -171,7 +171,7 @@ fn machine_file(
     Ok(machine)
 }
 
-/// The files that belong to LinuxCNC, and what each of them is. No output may replace one of them.
+/// The files that belong to LinuxCNC, with their descriptions. No output may replace one of them.
 fn inputs(ini: &Ini, settings: &Settings, axes: &[AxisValues]) -> Vec<(PathBuf, &'static str)> {
     let named = |entry: &Entry, what| (resolve(Some(ini.folder()), &entry.value), what);
     let mut inputs: Vec<_> = ini

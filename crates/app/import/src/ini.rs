@@ -1,6 +1,7 @@
 //! INI files as LinuxCNC reads them: repeated keys, `#INCLUDE`, continued lines, the position of every key.
 //!
-//! Own code: no maintained crate keeps line numbers and repeated keys and follows includes.
+//! A separate implementation, because no maintained crate keeps line numbers and repeated keys and follows
+//! includes.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +10,7 @@ use evolvent_config::read_regular;
 use crate::error::ImportError;
 use crate::report::{Dropped, Report};
 
-/// Longest file.
+/// Maximum size of a file.
 const MAX_BYTES: u64 = 4 << 20;
 /// Maximum depth of includes, as in LinuxCNC.
 const MAX_DEPTH: usize = 16;
@@ -25,7 +26,7 @@ pub(crate) struct Entry {
     pub(crate) key: String,
     pub(crate) value: String,
     is_used: bool,
-    /// LinuxCNC uses an earlier one.
+    /// LinuxCNC uses an earlier entry of the same key.
     pub(crate) is_repeated: bool,
 }
 
@@ -56,7 +57,7 @@ impl Entry {
         }
     }
 
-    /// As LinuxCNC reads booleans.
+    /// The value as a boolean, according to LinuxCNC's rules.
     pub(crate) fn is_true(&self) -> bool {
         let word = self.word();
         ["1", "yes", "true", "on", "y", "t"].contains(&word.to_ascii_lowercase().as_str())

@@ -1,7 +1,7 @@
 //! Machine files from configurations of LinuxCNC.
 //!
-//! [`import`] reads an INI file with what it includes and returns an [`Import`]: the text of a machine file,
-//! the tool table and the parameter file in millimetres, and a [`Report`] that names every value that was
+//! [`import`] reads an INI file with its includes and returns an [`Import`]: the text of a machine file, the
+//! tool table and the parameter file in millimetres, and a [`Report`]. The report lists every value that was
 //! chosen because LinuxCNC has none, and every line that was not carried over, with its reason.
 //! [`Import::write`] writes the files.
 //!
@@ -22,9 +22,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The machine file that is returned has been read by `evolvent-machine`: what that crate would refuse is an
-//! [`ImportError`] here. Nothing is written before everything has been read. Not for the cycle: files,
-//! allocation.
+//! `evolvent-machine` has checked the machine file: anything that it rejects is an [`ImportError`] here.
+//! Nothing is written before everything has been read. Not for the cycle: uses files and allocates.
 
 mod axes;
 mod error;

@@ -15,7 +15,7 @@ const MAX_BACKLASH: f64 = 10.0;
 pub(crate) struct ScrewValues {
     /// In mm or degrees.
     pub(crate) backlash: Option<f64>,
-    /// Its lines.
+    /// The lines of the backlash.
     pub(crate) backlash_entries: Vec<Entry>,
     pub(crate) table: Option<ScrewTable>,
 }
@@ -28,7 +28,7 @@ pub(crate) struct ScrewTable {
     pub(crate) is_trims: bool,
 }
 
-/// Reads them; `unit` is in mm or degrees.
+/// Reads backlash and tables; `unit` is in mm or degrees.
 pub(crate) fn screws(
     ini: &mut Ini,
     joints: &[usize],
@@ -77,14 +77,14 @@ pub(crate) fn screws(
     } else if !(0.0..=MAX_BACKLASH).contains(&(first * unit)) {
         drop_all(entries, "this is no backlash of a machine");
     } else {
-        // Without effect beside a table, if that can be converted.
+        // It has no effect if there is a table that can be converted.
         screws.backlash = Some(first * unit);
         screws.backlash_entries = backlash.into_iter().map(|(entry, _)| entry).collect();
     }
     Ok(screws)
 }
 
-/// A table of LinuxCNC as one of errors in both directions; `unit` is in mm or degrees.
+/// Converts a table of LinuxCNC to errors in both directions; `unit` is in mm or degrees.
 pub(crate) fn table(text: &str, is_trims: bool, unit: f64, is_rotary: bool) -> Result<String, String> {
     let (position, error) = if is_rotary { ("deg", "mdeg") } else { ("mm", "um") };
     let mut out = format!("position_{position},forward_error_{error},reverse_error_{error}\n");
@@ -120,7 +120,7 @@ pub(crate) fn table(text: &str, is_trims: bool, unit: f64, is_rotary: bool) -> R
 mod tests {
     use super::*;
 
-    /// Numbers of LinuxCNC's manual, in inches.
+    /// The numbers are from LinuxCNC's manual, in inches.
     #[test]
     fn tables_of_both_types_become_errors_in_micrometres() {
         let expected = [[-25.4, -127.0, 127.0], [0.0, 50.8, -76.2], [25.4, 76.2, -50.8]];

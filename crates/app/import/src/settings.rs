@@ -20,7 +20,7 @@ pub(crate) struct Settings {
     pub(crate) max_feed_mm_s: Option<f64>,
     pub(crate) path: PathMode,
     pub(crate) starts_in_inches: bool,
-    /// Value of `start_plane`; none for XY.
+    /// Value of `start_plane`; `None` for XY.
     pub(crate) start_plane: Option<&'static str>,
     pub(crate) starts_in_diameters: bool,
     /// Whether LinuxCNC keeps offsets in inches.
@@ -98,7 +98,7 @@ impl Settings {
     }
 }
 
-/// A text as a valid name of services and files.
+/// A text converted to a valid name of services and files.
 pub(crate) fn name_of(text: &str) -> Option<String> {
     let mut name = String::new();
     for c in text.chars() {
@@ -133,7 +133,7 @@ fn rate(ini: &mut Ini, report: &mut Report) -> Result<Option<f64>, ImportError> 
     Ok(None)
 }
 
-/// What the start-up code and the units of the configuration say about the start of programs.
+/// The start of programs according to the start-up code and the units of the configuration.
 struct Start {
     inches: bool,
     plane: Option<&'static str>,
@@ -220,7 +220,7 @@ fn choose_tolerance(report: &mut Report) {
     );
 }
 
-/// Whether LinuxCNC takes this unit of a configuration for inches.
+/// Whether LinuxCNC treats this unit of a configuration as inches.
 fn is_inch(mm_per_unit: f64) -> bool {
     (mm_per_unit / INCH_MM - 1.0).abs() < 1e-3
 }
@@ -239,7 +239,7 @@ fn words(text: &str) -> Vec<(char, f64)> {
     starts.filter_map(word).collect()
 }
 
-/// In capitals, without blanks and comments.
+/// In capitals, without spaces and comments.
 fn without_comments(text: &str) -> String {
     let mut out = String::new();
     let mut is_comment = false;

@@ -1,4 +1,4 @@
-//! The spindles of a configuration: `[TRAJ] SPINDLES`, `[SPINDLE_n]`, and what HAL files connect to them.
+//! The spindles of a configuration: `[TRAJ] SPINDLES`, `[SPINDLE_n]`, and their connections in HAL files.
 
 use crate::error::ImportError;
 use crate::hal::connected_spindles;
@@ -8,7 +8,7 @@ use crate::settings::drop_entry;
 
 /// Spindles that a machine file can have.
 const MAX_SPINDLES: u32 = 4;
-/// Speeds that a machine file permits, rpm. The last is taken where nothing limits a spindle, as in LinuxCNC.
+/// Speeds that a machine file permits, rpm. The maximum is used if nothing limits a spindle, as in LinuxCNC.
 const SPEEDS_RPM: std::ops::RangeInclusive<f64> = 1e-3..=1e6;
 
 /// A `[[spindle]]` of a machine file.
@@ -20,7 +20,7 @@ pub(crate) struct SpindleValues {
     pub(crate) feedback: bool,
 }
 
-/// The spindles, none where a single one has neither limits nor an encoder: a machine file without spindles
+/// The spindles. Empty for a single spindle without limits and encoder, since a machine file without spindles
 /// has spindle 0.
 pub(crate) fn spindles(ini: &mut Ini, report: &mut Report) -> Result<Vec<SpindleValues>, ImportError> {
     let count = count(ini, report)?;
@@ -56,7 +56,7 @@ pub(crate) fn spindles(ini: &mut Ini, report: &mut Report) -> Result<Vec<Spindle
     Ok(found)
 }
 
-/// How many there are. What is beyond a machine file's four is reported.
+/// Number of spindles. Those beyond the four of a machine file are reported.
 fn count(ini: &mut Ini, report: &mut Report) -> Result<u32, ImportError> {
     let Some(entry) = ini.first("TRAJ", "SPINDLES") else {
         return Ok(1);
@@ -75,11 +75,11 @@ fn count(ini: &mut Ini, report: &mut Report) -> Result<u32, ImportError> {
             "a machine has at most four spindles: the first four are carried over",
         );
     }
-    // LinuxCNC takes 0 for 1.
+    // LinuxCNC treats 0 as 1.
     Ok((count as u32).clamp(1, MAX_SPINDLES))
 }
 
-/// The spindles whose turns a HAL file counts, each with the first such file.
+/// The spindles whose encoder a HAL file connects, each with the first such file.
 fn encoders(ini: &Ini) -> Vec<(u32, String)> {
     let mut found: Vec<(u32, String)> = Vec::new();
     for entry in ini.peek("HAL", "HALFILE") {
@@ -93,7 +93,7 @@ fn encoders(ini: &Ini) -> Vec<(u32, String)> {
     found
 }
 
-/// The limits of one spindle, rpm, as far as they are given.
+/// The limits of one spindle, rpm, if given.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Limits {
     forward: Option<f64>,
@@ -107,7 +107,7 @@ impl Limits {
             Some(entry) => forward(&entry, report)?,
             None => None,
         };
-        // LinuxCNC takes the magnitude.
+        // LinuxCNC uses the magnitude.
         let reverse = ini.number(&section, "MAX_REVERSE_VELOCITY")?.map(f64::abs);
         Ok(Self { forward, reverse })
     }
@@ -116,7 +116,7 @@ impl Limits {
         self.forward.is_none() && self.reverse.is_none()
     }
 
-    /// One limit for both directions, and why it is that where the configuration does not say so.
+    /// One limit for both directions, and the reason for it if the configuration has none.
     fn max_rpm(&self) -> (f64, Option<String>) {
         let most = *SPEEDS_RPM.end();
         let reverse = self.reverse.filter(|rpm| *rpm > 0.0);

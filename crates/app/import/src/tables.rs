@@ -18,8 +18,8 @@ pub(crate) fn tool_table(text: &str, mm_per_unit: f64) -> (ToolTable, Vec<ToolTa
     (table, odd)
 }
 
-/// Numbers of parameters that are lengths: X Y Z U V W of the homes, of G92, of the probe and of the nine
-/// work offsets.
+/// Numbers of parameters that are lengths: X Y Z U V W of the home positions, of G92, of the probe and of the
+/// nine work offsets.
 fn lengths() -> BTreeSet<u32> {
     let mut first = vec![5061, 5161, 5181, 5211];
     first.extend((0..9).map(|system| 5221 + 20 * system));

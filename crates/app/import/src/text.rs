@@ -7,7 +7,7 @@ use evolvent_path::AxisLetter;
 use crate::axes::{AxisValues, HomingMethod, tidy};
 use crate::settings::{PathMode, Settings};
 
-/// The files of an import beside the machine file, by name.
+/// Names of an import's other files.
 #[derive(Debug, Default)]
 pub(crate) struct Names {
     pub(crate) tool_table: Option<String>,
@@ -99,7 +99,7 @@ fn axis_table(axis: &AxisValues) -> Vec<String> {
         "[[axis]]".to_owned(),
         format!("letter = \"{}\"", axis.letter.letter()),
         if axis.is_unlimited {
-            // LinuxCNC turns by the sign of the word.
+            // LinuxCNC uses the sign of the word as the direction.
             "unlimited = \"sign\"".to_owned()
         } else {
             format!(

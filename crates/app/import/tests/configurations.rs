@@ -1,8 +1,8 @@
-//! Every configuration of a folder: a machine file or a reason, never a crash.
+//! Every configuration in a folder gives a machine file or an error, never a crash.
 //!
 //! LinuxCNC's own configurations are not part of this repository. The folder is that of
-//! EVOLVENT_LINUXCNC_CONFIGS, or the samples of Debian's linuxcnc-uspace where they are installed; else the
-//! test says "not measured".
+//! EVOLVENT_LINUXCNC_CONFIGS, or the samples of Debian's linuxcnc-uspace if installed; otherwise the test
+//! prints "not measured".
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Configurations that nobody would write: a reason or a valid machine, never a panic.
+//! Hostile configurations give an error or a valid machine, never a panic.
 
 use evolvent_import::import;
 use proptest::prelude::*;

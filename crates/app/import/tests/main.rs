@@ -1,4 +1,4 @@
-//! Configurations of other controls, all in one executable.
+//! Tests of configurations of other controls, in one executable.
 
 mod configurations;
 mod hostile;

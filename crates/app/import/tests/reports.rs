@@ -1,4 +1,4 @@
-//! What a configuration has is carried over or named, line by line.
+//! Every line of a configuration is carried over or reported.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use evolvent_import::{Import, ImportError, import};
 
-/// A router of which two motors drive Y, with the values that a test changes.
+/// A router whose Y is driven by two motors, with the values that a test changes.
 const INI: &str = "[EMC]\nMACHINE = router\n[KINS]\nKINEMATICS = trivkins coordinates=XYY\nJOINTS = 3\n\
                    [TRAJ]\nCOORDINATES = X Y\nLINEAR_UNITS = mm\n[EMCIO]\nTOOL_TABLE = tools.tbl\n[AXIS_X]\n\
                    MIN_LIMIT = 0\nMAX_LIMIT = 100\nMAX_VELOCITY = 20\nMAX_ACCELERATION = 200\n[AXIS_Y]\n\
@@ -16,12 +16,12 @@ const INI: &str = "[EMC]\nMACHINE = router\n[KINS]\nKINEMATICS = trivkins coordi
                    HOME_LATCH_VEL = -1\nHOME_SEQUENCE = -1\n[JOINT_2]\nHOME_OFFSET = 5.2\n\
                    HOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\nHOME_SEQUENCE = -1\n";
 
-/// A folder of a test, removed with it.
+/// A temporary folder of a test, removed with it.
 struct Folder(PathBuf);
 
 impl Folder {
     fn new(test: &str) -> Self {
-        // Two tests may use a helper with a folder at once.
+        // Two tests may use a folder of the same name at the same time.
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let name = format!("evolvent-import-{test}-{}-{number}", std::process::id());
@@ -43,7 +43,7 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // It may be gone already.
+        // It may already be removed.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
@@ -70,11 +70,11 @@ fn backlash_counts_where_the_table_of_the_screw_cannot_be_read() {
         .map(|(key, _)| key)
         .collect();
     assert_eq!(keys, ["COMP_FILE"]);
-    // Nor where it is none.
+    // The same if the file is not a table.
     folder.write("x.comp", "no numbers\n");
     let odd = folder.import(INI).expect("a machine");
     assert!(odd.machine().contains("backlash_mm = 0.02"), "{}", odd.machine());
-    // Beside a table it has no effect, and says so.
+    // Next to a table, backlash has no effect, and the report says so.
     folder.write("x.comp", "0 0.001 -0.001\n50 50.002 49.998\n100 100.001 99.999\n");
     let good = folder.import(INI).expect("a machine");
     assert!(good.machine().contains("screw_table"), "{}", good.machine());
@@ -119,7 +119,7 @@ fn an_odd_line_of_a_tool_table_is_named_and_the_others_are_kept() {
     for tool in ["T1 P1", "six", "T2 P2", "T4 P4"] {
         assert!(table.contains(tool), "{tool} is missing in {table}");
     }
-    // Many odd lines are counted, and a file without any tool is dropped as a whole.
+    // Many invalid lines are counted, and a file without any tool is dropped completely.
     folder.write("tools.tbl", &format!("T1 P1\n{}", "odd\n".repeat(500)));
     let import = folder.import(INI).expect("a machine");
     let named = import.report().dropped.iter().filter(|line| line.value == "odd");
@@ -155,7 +155,7 @@ fn the_second_motor_of_a_gantry_is_told_where_it_belongs() {
 #[test]
 fn a_home_offset_that_no_machine_has_is_named() {
     let folder = Folder::new("offset");
-    // A switch beyond the travel is usual, and kept.
+    // A switch beyond the travel is common and is kept.
     let import = folder.import(INI).expect("a machine");
     assert!(
         import.machine().contains("switch_mm = -5"),
@@ -195,7 +195,7 @@ fn no_file_of_the_configuration_is_replaced_even_with_force() {
         );
         assert!(!folder.0.join("router.toml").exists());
     }
-    // Under another name beside them, again and again.
+    // Under another name in the same folder, repeatedly.
     let import = evolvent_import::import(&folder.0.join("router.ini"), "evolvent").expect("a machine");
     for _ in 0..2 {
         import
@@ -236,13 +236,13 @@ fn a_latch_at_the_opening_edge_of_a_plain_switch_is_named() {
         matches!(&reasons[..], [reason] if reason.contains("its sign is not carried over") && reason.contains("correct switch_mm by")),
         "{reasons:?}"
     );
-    // With an index pulse the sign is the method's.
+    // With an index pulse the sign belongs to the method.
     let by_index = opposite.replacen("HOME_SEQUENCE = 0", "HOME_SEQUENCE = 0\nHOME_USE_INDEX = YES", 1);
     assert!(named(&by_index).is_empty());
 }
 
-/// The start-up code of a machine with these units: the keys of the machine file for the start of programs,
-/// and the reason of the line if it is listed.
+/// The start-up code of a machine with these units: the machine-file keys for the start of programs, and the
+/// reason if its line is reported.
 fn start_of(units: &str, code: Option<&str>) -> (Vec<String>, Vec<String>) {
     let folder = Folder::new("start");
     folder.write("x.comp", "0 0 0\n100 0 0\n");
@@ -316,7 +316,7 @@ fn words_of_the_start_up_code_are_carried_over_or_named() {
     );
 }
 
-/// A machine file has no stop after every move: the choice is named.
+/// A machine file has no stop after every move, so the choice is reported.
 #[test]
 fn a_start_in_exact_stop_becomes_exact_path() {
     let folder = Folder::new("start");
@@ -333,7 +333,7 @@ fn a_start_in_exact_stop_becomes_exact_path() {
     }
 }
 
-/// A value is listed as chosen where the machine file has it.
+/// A value is reported as chosen if it is in the machine file.
 #[test]
 fn an_absolute_encoder_has_no_speeds_to_choose() {
     let folder = Folder::new("absolute");

@@ -4,8 +4,8 @@ use evolvent_machine::{Limits, Machine};
 use evolvent_path::{Axes, AxisLetter};
 use evolvent_trace::{CycleRecord, inputs};
 
-/// Velocity and acceleration may exceed their limits by this, jerk by more, because they are differences of
-/// rounded numbers.
+/// Permitted ratios of velocity, acceleration and jerk to their limits. Jerk may exceed its limit by more,
+/// because third differences amplify rounding.
 const ALLOWED: [f64; 3] = [1.001, 1.001, 1.02];
 /// Number of cycles after a joint of exact-path mode in which its step affects second and third differences.
 const JOINT_CYCLES: u32 = 3;
@@ -16,7 +16,7 @@ const STATE_FAULT: u8 = 8;
 /// Rounding tolerance of the travel check, mm or degrees.
 const TRAVEL_SLACK: f64 = 1e-6;
 
-/// The maximum of one kind, and its position.
+/// The largest value of one kind, and its position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Worst {
     /// Its fraction of the limit; for travel, mm or degrees beyond it.

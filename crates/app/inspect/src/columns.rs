@@ -36,7 +36,7 @@ pub(crate) struct Column {
     pub(crate) values: Values,
 }
 
-/// Source of a cycle's number.
+/// Source of a column's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Source {
     Sequence,

@@ -14,9 +14,9 @@ use crate::opened::{InspectError, Opened};
 const MAX_LINES: usize = 40;
 /// Points of the curve of the difference.
 const POINTS: usize = 200;
-/// Jobs of a service that a note names.
+/// Maximum number of jobs of a service listed in a note.
 const MAX_NAMED: usize = 12;
-/// Texts of lines are looked up as far as this.
+/// Maximum line number whose text is looked up.
 const MAX_LINE: usize = 1_000_000;
 /// Differences in time below this are ignored, s.
 const MIN_S: f64 = 1e-9;
@@ -32,16 +32,16 @@ pub struct LineDifference {
     pub line: u32,
     /// Its text in the first run.
     pub text: String,
-    /// Its text in the second run, where it is another one.
+    /// Its text in the second run, if it differs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub b_text: Option<String>,
     /// Time in it in the first run, s.
     pub a_s: f64,
     /// Time in it in the second run, s.
     pub b_s: f64,
-    /// What limited the first run longest there.
+    /// The limit that was active longest in the first run.
     pub a_limit: String,
-    /// What limited the second run longest there.
+    /// The limit that was active longest in the second run.
     pub b_limit: String,
     /// Why the slower one was slower, as far as the traces show.
     pub why: String,
@@ -50,33 +50,33 @@ pub struct LineDifference {
 /// Result of a comparison. The first run is A, the second B.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Comparison {
-    /// Path that both have driven, mm.
+    /// Length of the path that both have driven, mm.
     pub common_path_mm: f64,
-    /// Path of A and of B, mm.
+    /// Path length of A and of B, mm.
     pub path_mm: [f64; 2],
     /// Duration of A and of B, s.
     pub duration_s: [f64; 2],
     /// Time that A and B took for the common path, s.
     pub common_s: [f64; 2],
-    /// Maximum distance of the two at the same position on the path, mm: of X, Y and Z, or of U, V and W.
+    /// Maximum distance between the runs at the same path length, mm: of X, Y and Z, or of U, V and W.
     pub max_deviation_mm: f64,
-    /// Its position on the path, mm.
+    /// Its path length, mm.
     pub deviation_at_mm: f64,
     /// Its line in A.
     pub deviation_line: u32,
-    /// Maximum difference of a rotary axis at the same position on the path, degrees; `None` if neither
-    /// machine has one.
+    /// Maximum difference of a rotary axis at the same path length, degrees; `None` if neither machine has
+    /// one.
     pub max_rotary_deviation_deg: Option<f64>,
-    /// Its position on the path, mm.
+    /// Its path length, mm.
     pub rotary_deviation_at_mm: f64,
     /// Its line in A.
     pub rotary_deviation_line: u32,
-    /// The first position at which they differ by more than a nanometre or a millionth of a degree: path and
-    /// line in A.
+    /// The first point at which they differ by more than a nanometre or a millionth of a degree: path length
+    /// and line in A.
     pub first_deviation: Option<(f64, u32)>,
     /// Lines by difference in time, the largest first.
     pub lines: Vec<LineDifference>,
-    /// Path, mm, and the delay of B relative to A there, s.
+    /// Path length, mm, and the delay of B relative to A there, s.
     pub lag: Vec<(f64, f64)>,
     /// Other differences: machine, program, period, planner.
     pub notes: Vec<String>,
@@ -87,7 +87,7 @@ pub struct Comparison {
 pub struct ComparedRun<'a> {
     /// Its trace.
     pub trace: &'a Path,
-    /// The job of a served machine that is meant; `None` for all of the trace.
+    /// The selected job of a served machine; `None` for the whole trace.
     pub job: Option<u32>,
 }
 
@@ -95,7 +95,7 @@ pub struct ComparedRun<'a> {
 #[derive(Clone, Copy, Debug)]
 struct Part {
     first: u64,
-    /// The first after it.
+    /// The first cycle after it.
     end: u64,
     is_job: bool,
 }
@@ -124,8 +124,7 @@ impl Part {
         })
     }
 
-    /// The cycle, counted from the beginning of the run; `None` for one in which the job does not move the
-    /// axes.
+    /// The cycle, counted from the beginning of the run; `None` if the job does not move the axes in it.
     fn cut(self, record: Result<CycleRecord, ReadError>) -> Option<Result<CycleRecord, ReadError>> {
         let mut record = match record {
             Ok(record) => record,
@@ -217,7 +216,7 @@ pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Co
         let Some((position, sequence)) = place else {
             continue;
         };
-        // If the path does not advance, positions cannot be matched.
+        // If the path length does not increase, positions cannot be matched.
         if record.path_mm <= last_lag.0 {
             continue;
         }
@@ -234,7 +233,8 @@ pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Co
         result.path_mm[1] = result.path_mm[1].max(passed.path_mm);
         result.duration_s[1] = (passed.sequence + 1) as f64 * periods[1];
     })?;
-    // Axes that move while the path does not advance are compared where both have come to its end.
+    // Axes that move while the path length does not increase are compared where both runs have reached its
+    // end.
     if let (Some(end_a), Some(end_b)) = (end_a, end_b)
         && (end_a.path_mm - end_b.path_mm).abs() <= SAME_PATH_MM
     {
@@ -247,7 +247,7 @@ pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Co
     Ok(result)
 }
 
-/// A job of a service, once, by its number.
+/// A job of a service, listed once by its number.
 #[derive(Clone, Debug, PartialEq)]
 struct NamedJob {
     job: u32,
@@ -263,12 +263,12 @@ fn named(jobs: &VecDeque<RecordedJob>) -> Vec<NamedJob> {
             is_program: job.is_program(),
         })
         .collect();
-    // A program that the axes have left has entries of its jogs under its number.
+    // A program with excursions has entries of its jogs under its number.
     named.dedup_by_key(|job| job.job);
     named
 }
 
-/// The job that is meant where none is named: the only program of a session, or its only job.
+/// The job to select if none is given: the only program of a session, or its only job.
 fn only_program(jobs: &[NamedJob]) -> Option<u32> {
     let mut programs = jobs.iter().filter(|job| job.is_program && job.name != MDI);
     match (programs.next(), programs.next(), jobs) {
@@ -277,7 +277,7 @@ fn only_program(jobs: &[NamedJob]) -> Option<u32> {
     }
 }
 
-/// What there is to say of a service of which no job was named.
+/// The note about a service for which no job was given.
 fn of_service(name: &str, jobs: &[NamedJob], meant: Option<u32>) -> String {
     let option = name.to_ascii_lowercase();
     if let Some(job) = meant {
@@ -318,7 +318,7 @@ fn thin_out(list: &mut Vec<(f64, f64)>, point: (f64, f64)) {
 }
 
 impl Comparison {
-    /// Compares the positions at one point of the path; the record is one of A.
+    /// Compares the positions at one path length; the record is one of A.
     fn see(&mut self, record: &CycleRecord, position: &[f64; 9]) {
         let difference: [f64; 9] = std::array::from_fn(|i| (record.position[i] - position[i]).abs());
         let distance = |from: usize| {
@@ -455,7 +455,7 @@ fn why(a: &crate::LineTime, b: &crate::LineTime) -> String {
     )
 }
 
-/// The second run, read up to the path of the first one.
+/// The second run, read up to the path length of the first one.
 struct Ahead<I> {
     cycles: I,
     before: Option<CycleRecord>,
@@ -485,7 +485,7 @@ impl<I: Iterator<Item = Result<CycleRecord, ReadError>>> Ahead<I> {
         Ok(())
     }
 
-    /// Position and cycle, interpolated between two cycles, at this point of the path; `None` beyond the end.
+    /// Position and cycle at this path length, interpolated between two cycles; `None` beyond the end.
     fn reach(
         &mut self,
         path_mm: f64,

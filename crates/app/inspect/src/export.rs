@@ -11,7 +11,7 @@ use crate::columns::{Table, Values};
 use crate::parquet::ParquetWriter;
 use crate::selection::{ExportChannel, Selection};
 
-/// Number of rows that are written at once: few for text, so that they stay in the cache.
+/// Number of rows written at once: few for text, so that they stay in the cache.
 const CSV_ROWS: usize = 512;
 const PARQUET_ROWS: usize = 1 << 16;
 const BUFFER_BYTES: usize = 1 << 18;

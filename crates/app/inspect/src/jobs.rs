@@ -24,7 +24,7 @@ pub struct RecordedJob {
 }
 
 impl RecordedJob {
-    /// What it was, in words.
+    /// A description of the job.
     #[must_use]
     pub fn name(&self) -> String {
         match &self.start {
@@ -78,7 +78,7 @@ pub fn recorded_jobs(trace: &mut TraceFile) -> Result<VecDeque<RecordedJob>, Rea
     Ok(starts)
 }
 
-/// The travel of a job, from its first cycle on: an axis that is not homed may be jogged by the length of its
+/// The travel of a job from its first cycle on. An axis that is not homed may be jogged by the length of its
 /// travel.
 #[must_use]
 pub fn travel_of(start: &RecordedJob, machine: &Machine) -> TravelFrom {

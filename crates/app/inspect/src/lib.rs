@@ -3,13 +3,13 @@
 //! ```text
 //!   trace ──► Opened (run, machine, program) ──► report   one page with verdict and pictures
 //!                                              ├► export   CSV or Parquet
-//!                                              └► compare  two runs by place on the path
+//!                                              └► compare  two runs by path length
 //! ```
 //!
 //! Every function reads a trace once, cycle by cycle, and keeps only its result: an hour at 1 kHz takes
 //! megabytes, not gigabytes. [`Opened`] has the attachments of a trace. [`LimitCheck`] differentiates
-//! positions and checks them against the machine's limits, independent of plans. [`LineTimes`] sums up, line
-//! by line, the time and what limited it. [`Pyramid`] reduces a curve without losing an extreme:
+//! positions and checks them against the machine's limits, independent of plans. [`LineTimes`] sums up the
+//! time of each line, and its limits. [`Pyramid`] reduces a curve without losing an extreme:
 //!
 //! ```
 //! use evolvent_inspect::Pyramid;
@@ -23,8 +23,8 @@
 //! assert_eq!((level.least, level.greatest), (0.0, 5.0));
 //! ```
 //!
-//! This crate does not write to a trace, start a thread or run in the real-time cycle. `evolvent-replay` runs
-//! recorded runs again.
+//! This crate does not write to a trace, start a thread or run in the real-time cycle. `evolvent-replay`
+//! replays and recomputes recorded runs.
 
 mod check;
 mod columns;

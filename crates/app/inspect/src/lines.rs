@@ -1,4 +1,4 @@
-//! Time by program line, and what limited it.
+//! Time by program line, and the limits that were active.
 
 use std::collections::BTreeMap;
 
@@ -72,12 +72,12 @@ impl LineTime {
     }
 }
 
-/// Whether the machine sets it, not the program.
+/// Whether the limit is one of the machine, not of the program.
 const fn is_of_machine(limit: Limiting) -> bool {
     matches!(limit, Limiting::Axis(..) | Limiting::ChordError | Limiting::Joint)
 }
 
-/// Adds up a run line by line.
+/// Sums up a run line by line.
 #[derive(Clone, Debug)]
 pub struct LineTimes {
     classifier: LimitClassifier,
@@ -101,13 +101,13 @@ impl LineTimes {
         }
     }
 
-    /// Path travelled before the first cycle belongs to no line, mm.
+    /// The path driven before the first cycle, mm, which belongs to no line.
     pub(crate) fn begin_at(&mut self, path_mm: f64) {
         self.last_path_mm = path_mm;
     }
 
-    /// The active limit of this cycle. Traces have no feed words: where nothing else is reached, it is the
-    /// feed.
+    /// The active limit of this cycle. Traces have no feed words, so the feed is assumed if no other limit is
+    /// reached.
     #[must_use]
     pub fn limit_of(&self, record: &CycleRecord) -> Limiting {
         let setpoint = Setpoint {
@@ -121,7 +121,7 @@ impl LineTimes {
             feed_override: record.override_,
             line: record.line,
             block: 0,
-            // Axes that rest in a dwell or a hold have no velocity either.
+            // Axes at rest in a dwell or a hold have no velocity either.
             state: State::Running,
             flags: record.flags,
             actions: 0,

@@ -55,14 +55,14 @@ pub enum InspectError {
     },
 }
 
-/// A finished trace, its run, and its machine.
+/// A complete trace, its run, and its machine.
 #[derive(Debug)]
 pub struct Opened {
     /// The trace.
     pub trace: TraceFile,
     /// The description of the run.
     pub run: RunInfo,
-    /// The machine, from the attached machine file; with the planner that was chosen.
+    /// The machine from the attached machine file, with the planner that was used.
     pub machine: Machine,
     /// The attached program; `None` if there is none.
     pub program: Option<Vec<u8>>,
@@ -207,7 +207,8 @@ impl Opened {
     }
 }
 
-/// The machine as interpreted by versions that neither waited for tool changes nor required a tool table.
+/// Settings of the machine as interpreted by versions that neither waited for tool changes nor required a
+/// tool table.
 pub fn before_tool_changes(machine: &mut Machine) {
     machine.program.tool_change = ToolChange::None;
     machine.program.without_tool_table = WithoutToolTable::Zero;

@@ -14,7 +14,7 @@ use parquet::schema::types::{Type, TypePtr};
 use crate::columns::{Column, Table, Values};
 
 const ZSTD_LEVEL: i32 = 1;
-/// A column of a row group is one page: a page costs a new compressor.
+/// A column of a row group is one page, because each page needs a new compressor.
 const PAGE_ROWS: usize = 1 << 16;
 
 /// Writes one file.
@@ -41,7 +41,7 @@ impl<W: Write + Send> ParquetWriter<W> {
     fn write_group(&mut self, table: &Table) -> Result<()> {
         let mut group = self.file.next_row_group()?;
         for column in &table.columns {
-            // There is one per column of the schema, which is the table's.
+            // There is one column per column of the schema, which is that of the table.
             let Some(mut out) = group.next_column()? else {
                 break;
             };
@@ -101,7 +101,7 @@ fn field_of(column: &Column) -> Result<TypePtr> {
     Ok(Arc::new(field))
 }
 
-/// The system's own error, such as a full disk, if the crate passed one on.
+/// The error of the system, such as a full disk, if the crate passed it on.
 fn io_error(error: ParquetError) -> io::Error {
     match error {
         ParquetError::External(source) => match source.downcast::<io::Error>() {

@@ -1,10 +1,10 @@
 //! A curve of any length in bounded memory, without losing an extreme.
 
-/// The minimum and maximum of each part of a curve, all parts equally long.
+/// The minimum and maximum of each part of a curve; all parts have equal length.
 ///
 /// Parts start with one sample each. When there are too many parts, neighbours are merged in pairs, and parts
 /// are twice as long from then on. A short curve is thus kept sample by sample, and a long one with every
-/// peak and dip, located to within a part. Values that are not numbers are skipped.
+/// peak and dip, located to within a part. NaN values are skipped.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     capacity: usize,
@@ -28,13 +28,13 @@ pub struct Level {
     pub offset: f64,
     /// The step between two integers.
     pub scale: f64,
-    /// Minimum and maximum of each part in turn, 0 to 65534; 65535 and 0 if there was no number. Rounded
-    /// outwards, so that they include the recorded values.
+    /// Minimum and maximum of each part in turn, 0 to 65534; 65535 and 0 without a number. Rounded outwards,
+    /// so that they include the recorded values.
     #[serde(skip)]
     pub values: Vec<u16>,
-    /// The minimum of all, exactly.
+    /// The exact minimum of all samples.
     pub least: f64,
-    /// The maximum of all, exactly.
+    /// The exact maximum of all samples.
     pub greatest: f64,
 }
 
@@ -53,7 +53,7 @@ impl Pyramid {
         }
     }
 
-    /// The next sample.
+    /// Adds the next sample.
     pub fn push(&mut self, value: f64) {
         if value.is_finite() {
             self.open = (self.open.0.min(value), self.open.1.max(value));
@@ -75,7 +75,7 @@ impl Pyramid {
 
     /// Adds samples without a number, one per missing sample.
     pub fn skip(&mut self, samples: u64) {
-        // A gap as long as everything before it would only be blank.
+        // A gap longer than everything before it would only be blank.
         for _ in 0..samples.min(100_000_000) {
             self.push(f64::NAN);
         }
@@ -94,7 +94,7 @@ impl Pyramid {
         self.stretches.iter().copied().chain(open).collect()
     }
 
-    /// As integers.
+    /// The curve as integers.
     #[must_use]
     pub fn level(&self) -> Level {
         let (least, greatest) = if self.least <= self.greatest {
@@ -102,7 +102,7 @@ impl Pyramid {
         } else {
             (0.0, 0.0)
         };
-        // Divided first: the difference of two large numbers may overflow.
+        // Divided first, because the difference of two large numbers may overflow.
         let scale = (greatest / 65_000.0 - least / 65_000.0).max(f64::MIN_POSITIVE);
         let whole = |value: f64, up: bool| {
             let steps = value / scale - least / scale;

@@ -50,7 +50,7 @@ impl Selection {
         (at(*self.time_s.start()), at(*self.time_s.end()))
     }
 
-    /// Whether a cycle is in the time span.
+    /// Whether a line is selected.
     #[must_use]
     pub fn has_line(&self, line: u32) -> bool {
         self.lines.contains(&line)

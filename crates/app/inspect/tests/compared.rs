@@ -1,4 +1,4 @@
-//! Two runs, aligned by place: which was slower, where, and why.
+//! Two runs, aligned by path length: which was slower, where, and why.
 #![allow(clippy::expect_used, reason = "tests fail as tests do")]
 
 use crate::common::{PROGRAM, altered, record};
@@ -11,7 +11,7 @@ fn a_run_is_like_itself() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, outcome) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let same = compare(&trace, &trace).expect("a comparison");
-    // What interpolation between two equal numbers rounds.
+    // Rounding of an interpolation between two equal numbers.
     assert!(
         same.max_deviation_mm < 1e-12 && same.first_deviation.is_none(),
         "{same:?}"

@@ -1,4 +1,4 @@
-//! Traces read, exported, shown and compared, all in one executable.
+//! Traces read, exported, shown and compared, in one executable.
 
 mod common;
 

@@ -1,7 +1,7 @@
-//! The page in a real browser: drawn, zoomable, nothing from a network, no extreme lost.
+//! The page in a real browser: drawn, zoomable, without network access, no extreme lost.
 //!
-//! Needs Chromium (Debian: `apt-get install chromium`), or the browser that `EVOLVENT_BROWSER` names; without
-//! one the tests say "not measured".
+//! Requires Chromium (Debian: `apt-get install chromium`), or the browser named by `EVOLVENT_BROWSER`.
+//! Without a browser the tests print "not measured".
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,
@@ -30,7 +30,7 @@ fn browser() -> Option<PathBuf> {
     browser
 }
 
-/// Adds a script to a copy of the page, opens it, and gives the document as it is then.
+/// Adds a script to a copy of the page, opens it, and returns the resulting document.
 fn opened(browser: &Path, page: &Path, script: &str) -> String {
     let text = std::fs::read_to_string(page).expect("a page");
     let probe = page.with_extension("probe.html");
@@ -91,7 +91,7 @@ fn the_page_needs_no_network_and_opens_with_the_verdict() {
     let verdict = text.find("ran to its end").expect("the verdict");
     assert!(verdict < text.find("<canvas").expect("a picture"), "words first");
     assert!(!text.contains("{{"), "a place was not filled");
-    // What the program says cannot become part of the page.
+    // Text of the program cannot become part of the page.
     assert!(!text.contains("(a <part>"), "the program's text is not escaped");
 }
 
@@ -144,7 +144,7 @@ fn a_spike_of_one_cycle_in_a_long_run_is_in_the_picture() {
     let Some(browser) = browser() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
-    // Five minutes at 1 kHz of a quiet curve, with one sample that is not.
+    // Five minutes at 1 kHz of a quiet curve, with a single spike.
     let short = altered(&trace, "short", |_| {}, |_| true);
     let mut file = TraceFile::open(&short).expect("a trace");
     let mut info = file.info().run.clone().expect("a run");
@@ -301,7 +301,7 @@ fn damage_in_the_middle_is_not_called_a_truncated_end() {
     let program = crate::common::long_program(20);
     let (trace, _) = record(folder.path(), "runs", &program, Clock::Virtual, 1.0, |_| {});
     let mut bytes = std::fs::read(&trace).expect("its bytes");
-    // In the records of a chunk: an index beside the chunks can be damaged without any loss.
+    // In the records of a chunk: an index outside the chunks can be damaged without any loss.
     let summary = mcap::Summary::read(&bytes).expect("a summary").expect("one");
     let chunks = &summary.chunk_indexes;
     let chunk = &chunks[chunks.len() / 2];

@@ -1,4 +1,4 @@
-//! Tables hold what the trace holds.
+//! Tables contain the data of the trace.
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,
@@ -104,7 +104,7 @@ fn a_selection_by_time_and_by_line_takes_just_that() {
             "start_sequence,end_time_s"
         }));
     }
-    // A place that cannot be written leaves nothing behind.
+    // A path that cannot be written leaves no file behind.
     let nowhere = folder.path().join("none/part.csv");
     assert!(
         export(
@@ -142,7 +142,7 @@ assert b"evolvent.period_ns" in pq.read_metadata(sys.argv[1]).metadata
 print(table.num_rows, "rows")
 "#;
 
-/// An independent reader finds in Parquet what stands in the CSV.
+/// An independent reader finds the same values in Parquet and CSV.
 #[test]
 fn parquet_holds_the_same_as_csv_for_a_reader_of_others() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,4 @@
-//! The viewers that people know open a trace, and the layouts that ship name what is in it.
+//! Common viewers open a trace, and the shipped layouts use names that it contains.
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,
@@ -17,7 +17,7 @@ fn tools() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../tools")
 }
 
-/// Names of fields of a message in the schema's text.
+/// Names of the fields of a message in the schema's text.
 fn fields(message: &str) -> BTreeSet<String> {
     let proto = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../io/trace/proto/evolvent/v1/trace.proto");
     let text = std::fs::read_to_string(proto).expect("the schema");
@@ -37,7 +37,7 @@ fn fields(message: &str) -> BTreeSet<String> {
         .collect()
 }
 
-/// Of a list: its length on this machine.
+/// For a list: its length on this machine.
 fn elements(field: &str, axes: usize) -> Option<usize> {
     let per_axis = [
         "position",
@@ -50,7 +50,7 @@ fn elements(field: &str, axes: usize) -> Option<usize> {
     per_axis.contains(&field).then_some(axes)
 }
 
-/// Whether a name such as `/cycle.velocity[0]` (or with `/` between) is of something that this trace has.
+/// Whether a name such as `/cycle.velocity[0]` (or with `/` between) exists in this trace.
 fn is_there(file: &TraceFile, name: &str) -> bool {
     let info = file.info();
     let mut parts = name[1..].splitn(2, ['.', '/']);
@@ -123,7 +123,7 @@ fn the_foxglove_layout_shows_every_panel_that_it_sets_up() {
     assert_eq!(shown, set_up.keys().cloned().collect());
 }
 
-/// `rerun` of the same Python that has the other clients.
+/// `rerun` from the Python environment of the other clients.
 fn rerun() -> Option<(PathBuf, PathBuf)> {
     let python = std::env::var_os("EVOLVENT_PYTHON").map(PathBuf::from);
     let found = python.and_then(|python| {

@@ -16,11 +16,12 @@ use evolvent_inspect::{InspectError, Opened};
 
 /// Interval of status snapshots.
 const STATUS_EVERY_NS: u64 = 50_000_000;
-/// Number of times that drives are listened for before the first setpoint, and the pause between them: half a
-/// second. Times are counted, because a process that was suspended for that long has not listened.
+/// Number of times that the replay listens for drives before the first setpoint, and the pause in between:
+/// half a second in total. The number is counted, because a process that was suspended for that time has not
+/// listened.
 const LISTEN_TIMES: u32 = 100;
 const LISTEN_EVERY: Duration = Duration::from_millis(5);
-/// Ten seconds of waiting for clients, in times after which a request to end is noticed.
+/// Number of waits for clients, ten seconds in total; a request to end is noticed after each.
 const SUBSCRIBER_TIMES: u32 = 200;
 const SUBSCRIBER_EVERY: Duration = Duration::from_millis(50);
 /// Maximum sleep, so that a request to end is noticed.
@@ -31,7 +32,7 @@ const POLL_INTERVAL_NS: u64 = 20_000_000;
 pub enum Pace {
     /// Factor on real time; 1 is as recorded.
     Factor(f64),
-    /// A number of setpoints at each request of the caller.
+    /// A number of setpoints for each request of the caller.
     Step,
 }
 
@@ -40,11 +41,11 @@ pub enum Pace {
 pub struct Replay {
     /// The part of the trace.
     pub selection: Selection,
-    /// How fast.
+    /// Speed of the replay.
     pub pace: Pace,
-    /// The name on the bus; the recorded machine's if none.
+    /// The name on the bus; `None` for that of the recorded machine.
     pub machine_name: Option<String>,
-    /// iceoryx2's prefix; none for iceoryx2's own.
+    /// Prefix of iceoryx2; `None` for iceoryx2's default.
     pub bus_prefix: Option<String>,
     /// Wait until this many clients subscribe to setpoints.
     pub wait_for_subscribers: usize,
@@ -57,16 +58,16 @@ pub struct Replay {
 /// Why a replay failed or ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
-    /// The trace.
+    /// Error of the trace.
     #[error(transparent)]
     Inspect(#[from] InspectError),
-    /// The bus, for example a live core of that name.
+    /// Error of the bus, for example because of a live core of that name.
     #[error(
         "{0}; a replay uses the name of a core: end that core, or give the replay another name with \
      --as"
     )]
     Bus(#[from] BusError),
-    /// Drives that are on listen under this name.
+    /// Drives with power listen under this name.
     #[error(
         "drives of {name} are on (a bridge answers with status word {status_word:#06x} on axis {axis}): a \
          replay would \
@@ -81,7 +82,7 @@ pub enum ReplayError {
         /// Status word of its drive.
         status_word: u32,
     },
-    /// Nothing of the trace is selected.
+    /// The selection contains nothing of the trace.
     #[error("no cycle of the trace is in this time and these lines")]
     Nothing,
     /// An invalid pace.
@@ -98,7 +99,7 @@ pub enum ReplayError {
 /// Result of a replay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Replayed {
-    /// Setpoints published.
+    /// Number of setpoints published.
     pub setpoints: u64,
     /// First and last cycle.
     pub first_sequence: u64,
@@ -108,17 +109,17 @@ pub struct Replayed {
     pub seconds: f64,
     /// Maximum number of clients.
     pub subscribers: u64,
-    /// It was ended by `stop` before the last setpoint of the selection.
+    /// `stop` ended it before the last setpoint of the selection.
     pub stopped: bool,
 }
 
-/// Publishes recorded setpoints under the recorded machine's name, as its core did. `steps` returns how many
-/// to publish, before each setpoint of a stepped replay, and `stop` whether to end, at any time: the result
-/// then says so.
+/// Publishes recorded setpoints under the recorded machine's name, as its core did. For a stepped replay,
+/// `steps` returns the number of setpoints to publish next. `stop` returns whether to end, which is possible
+/// at any time; the result then reports it.
 ///
-/// Drives that are on are never moved unless that is confirmed twice: before the first setpoint the replay
-/// listens whether a bridge reports a drive in "operation enabled". Setpoints carry no power request, so
-/// drives that are off stay off.
+/// Drives with power are never moved unless this is confirmed twice: before the first setpoint the replay
+/// listens for a bridge that reports a drive in "operation enabled". Setpoints carry no power request, so
+/// drives without power stay so.
 ///
 /// # Errors
 /// [`ReplayError`].
@@ -234,8 +235,8 @@ fn first_status(opened: &Opened, axes_mask: u32) -> Status {
     status
 }
 
-/// Waits until the next setpoint, which was due `since_ns` after the first, is due; none where the replay is
-/// to end. `steps`: how many to publish next, asked where none is `allowed` any more.
+/// Waits until the next setpoint, which was due `since_ns` after the first, is due; `None` if the replay is
+/// to end. `steps` returns the number to publish next, and is called when no more are `allowed`.
 fn await_due(
     pace: Pace,
     start_ns: u64,
@@ -268,8 +269,7 @@ fn await_due(
     }
 }
 
-/// Waits until this many clients subscribe to setpoints; less long where the replay is to end. Returns their
-/// number.
+/// Waits until this many clients subscribe to setpoints, or until the replay is to end. Returns their number.
 fn wait_for_subscribers(bus: &CoreBus, count: usize, stop: &impl Fn() -> bool) -> usize {
     let mut found = bus.wait_for_setpoint_subscribers(count, Duration::ZERO);
     for _ in 0..SUBSCRIBER_TIMES {
@@ -281,7 +281,7 @@ fn wait_for_subscribers(bus: &CoreBus, count: usize, stop: &impl Fn() -> bool) -
     found
 }
 
-/// Checks whether a bridge with drives that are on sends feedback.
+/// Checks whether a bridge whose drives have power sends feedback.
 fn refuse_live_drives(bus: &mut CoreBus, name: &str, stop: &impl Fn() -> bool) -> Result<(), ReplayError> {
     for _ in 0..LISTEN_TIMES {
         if stop() {

@@ -1,4 +1,4 @@
-//! Flipped bits give an error or a loss that is told, never a panic and never a wrong figure.
+//! Flipped bits give an error or a reported loss, never a panic and never a wrong figure.
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,
@@ -15,7 +15,7 @@ use evolvent_runtime::Clock;
 use evolvent_trace::{CycleRecord, TraceFile, recover};
 
 fn same(a: &CycleRecord, b: &CycleRecord) -> bool {
-    // NaN is not equal to itself; its bits are.
+    // NaN is not equal to itself, but its bits are.
     let plain = |record: &CycleRecord| CycleRecord {
         load: 0.0,
         following_error: [0.0; 9],
@@ -32,7 +32,7 @@ fn same(a: &CycleRecord, b: &CycleRecord) -> bool {
     plain(a) == plain(b) && odd(a) == odd(b)
 }
 
-/// What a reader gives of a file: the cycles up to an error.
+/// The cycles that a reader returns up to an error.
 fn read(path: &Path) -> (Vec<CycleRecord>, bool) {
     let Ok(mut file) = TraceFile::open(path) else {
         return (Vec::new(), true);
@@ -51,7 +51,7 @@ fn read(path: &Path) -> (Vec<CycleRecord>, bool) {
 fn five_hundred_flipped_bits_never_give_a_wrong_figure() {
     let (mut random, cases) = (Random::seeded(0x00C0_FFEE), cases(500));
     let mut random = move |below: usize| random.below(below);
-    // One is recorded in messages, the other in columns.
+    // One trace is recorded as messages, the other in columns.
     for name in ["run", "runs"] {
         flip(name, cases, &mut random);
     }
@@ -68,7 +68,7 @@ fn flip(name: &str, cases: usize, random: &mut impl FnMut(usize) -> usize) {
     let (mut refused, mut unharmed, mut partly) = (0, 0, 0);
     for case in 0..cases {
         let mut copy = bytes.clone();
-        // Half of the cases hit the summary, which is small but holds everything together.
+        // Half of the cases hit the summary, which is small but essential.
         let from = if case % 2 == 0 {
             0
         } else {
@@ -96,7 +96,7 @@ fn flip(name: &str, cases: usize, random: &mut impl FnMut(usize) -> usize) {
             assert_eq!(file.info().summary, info.summary, "case {case}, byte {at}");
             assert_eq!(file.info().run, info.run, "case {case}, byte {at}");
         }
-        // The readers built on it: an error or the same, no panic.
+        // Readers built on it return an error or the same result, without a panic.
         if case % 10 == 0 {
             let all = Selection::default();
             if let Ok(mut file) = TraceFile::open(&damaged) {
@@ -123,7 +123,7 @@ fn flip(name: &str, cases: usize, random: &mut impl FnMut(usize) -> usize) {
             let mut rest = truth.iter();
             let in_order = kept.iter().all(|kept| rest.any(|wanted| same(kept, wanted)));
             assert!(in_order, "case {case}, byte {at}: recovery made something up");
-            // Without the description of the run nothing can be read, and that is told.
+            // Without the description of the run nothing can be read, which is reported.
             assert!(!failed || !recovered.has_run, "case {case}, byte {at}");
             let lost = kept.len() < truth.len();
             assert!(
@@ -139,8 +139,8 @@ fn flip(name: &str, cases: usize, random: &mut impl FnMut(usize) -> usize) {
     assert!(refused + partly > cases / 2);
 }
 
-/// What is missing behind the last cycle is no motion: it was called a chord error of four times what is
-/// permitted.
+/// Missing cycles after the last one are not motion. They used to be reported as a chord error of four times
+/// the permitted one.
 #[test]
 fn a_trace_that_was_cut_off_in_motion_keeps_what_it_has() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -179,7 +179,7 @@ fn verify_finds_a_change_of_any_byte() {
     let bytes = std::fs::read(&trace).expect("its bytes");
     let damaged = folder.path().join("damaged.mcap");
     let mut random = Random::seeded(0x0DD_B175);
-    // Of each hundred bytes one, and all of the first ones, where few have a checksum.
+    // One byte of each hundred, and all of the first ones, few of which have a checksum.
     let sampled = (1..bytes.len() / 100).map(|hundred| 100 * hundred + random.below(100));
     let at: Vec<usize> = (0..100).chain(sampled).collect();
     for at in at {
@@ -189,7 +189,7 @@ fn verify_finds_a_change_of_any_byte() {
         let whole = TraceFile::open(&damaged).and_then(|mut trace| trace.check_whole());
         assert!(whole.is_err(), "byte {at} of {}", bytes.len());
     }
-    // The command does it too, here in the index of a chunk, which it does not need.
+    // The command detects it too, here in the index of a chunk, which it does not need.
     let index = (8..bytes.len() - 9)
         .find(|&at| bytes[at] == 7 && bytes[at + 1..at + 9] == 22_u64.to_le_bytes())
         .expect("an index of one message");

@@ -1,4 +1,4 @@
-//! Traces replayed, computed again, and damaged, all in one executable.
+//! Traces replayed, recomputed and damaged, in one executable.
 
 #[path = "../../inspect/tests/common/mod.rs"]
 mod common;

@@ -1,4 +1,4 @@
-//! A replay is a core to whoever listens, and never moves drives that are on.
+//! A replay is a core for its clients, and never moves drives with power.
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,
@@ -17,10 +17,10 @@ use evolvent_inspect::Selection;
 use evolvent_replay::{Pace, Replay, ReplayError, Replayed, replay};
 use evolvent_runtime::Clock;
 
-/// Longer than any host keeps a test from running.
+/// Longer than any host suspends a test.
 const FOREVER: Duration = Duration::from_secs(60);
 
-/// A corner of shared memory of its own.
+/// A separate prefix of shared memory.
 struct Corner(String);
 
 impl Corner {
@@ -61,7 +61,7 @@ fn options(corner: &Corner, pace: Pace) -> Replay {
     }
 }
 
-/// Listens from before the first setpoint to the last. Setpoints, and how many were lost.
+/// Listens from before the first setpoint to the last. Returns the setpoints and the number lost.
 fn listen(corner: &Corner) -> (Vec<Setpoint>, u64) {
     let client = corner.client();
     let mut reader = client.setpoints().expect("a place");
@@ -99,7 +99,7 @@ fn a_listener_sees_the_recorded_setpoints_bit_for_bit_and_in_their_time() {
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let all = cycles(&trace);
     let corner = Corner::new();
-    // Who does not run for a second loses setpoints, as the bus has it.
+    // A listener that is suspended for a second loses setpoints, as on any bus.
     let mut attempts = 0;
     let (found, done) = loop {
         let (found, lost, done) = replay_to_listener(&trace, &corner, 1.0);
@@ -138,7 +138,7 @@ fn a_factor_makes_recorded_time_go_by_faster() {
     let corner = Corner::new();
     let (found, _, done) = replay_to_listener(&trace, &corner, 4.0);
     assert_eq!(done.setpoints, all.len() as u64);
-    // By due times, whatever was lost: a busy host is late, and so is a listener on it.
+    // Compares due times, whatever was lost: a busy host is late, and so is a listener on it.
     assert!(found.len() > 1, "{} setpoints", found.len());
     let start_ns = |setpoint: &Setpoint| {
         let cycle = &all[(setpoint.sequence - all[0].sequence) as usize];
@@ -202,7 +202,7 @@ fn a_core_that_lives_is_not_replaced() {
     drop(core);
 }
 
-/// A bridge that answers, whatever it hears, from when it is let on; `sent` counts.
+/// A bridge that replies to anything once it is enabled; `sent` counts.
 fn answer_always(
     corner: &Corner,
     status_word: u32,
@@ -210,7 +210,7 @@ fn answer_always(
     sent: &AtomicU64,
     over: &AtomicBool,
 ) {
-    // The core may have gone before the bridge has found it.
+    // The core may have ended before the bridge finds it.
     let config = ClientConfig {
         prefix: Some(corner.0.clone()),
         wait: Duration::from_millis(50),
@@ -234,8 +234,7 @@ fn answer_always(
     }
 }
 
-/// Replays to such a bridge. `pause`: for so long the host keeps both from running when the replay begins to
-/// listen.
+/// Replays to such a bridge. `pause`: time for which the host suspends both when the replay starts to listen.
 fn replay_to_drives(
     trace: &Path,
     corner: &Corner,
@@ -250,14 +249,14 @@ fn replay_to_drives(
     std::thread::scope(|scope| {
         scope.spawn(|| answer_always(corner, status_word, &starts, &sent, &over));
         let times = Cell::new(0);
-        // Asked before each look.
+        // Called before each poll.
         let stop = || {
             times.set(times.get() + 1);
             match times.get() {
                 1 => std::thread::sleep(pause),
                 2 => {
                     starts.store(true, Ordering::Relaxed);
-                    // One answer may have begun before the core was there.
+                    // One reply may have begun before the core existed.
                     let (begin, before) = (Instant::now(), sent.load(Ordering::Relaxed));
                     while sent.load(Ordering::Relaxed) < before + 2 && begin.elapsed() < FOREVER {
                         std::thread::sleep(Duration::from_millis(1));
@@ -302,7 +301,7 @@ fn a_replay_that_was_kept_from_running_listens_all_the_same() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let corner = Corner::new();
-    // Longer than it listens.
+    // Longer than the replay listens.
     let pause = Duration::from_millis(600);
     let refused = replay_to_drives(&trace, &corner, (false, false), 0x0237, pause);
     assert!(
@@ -325,13 +324,13 @@ fn a_replay_ends_when_it_shall_while_it_listens_waits_or_plays() {
     // While it listens for drives.
     let (done, _) = ended(&options(&corner, Pace::Factor(1.0)), Duration::ZERO);
     assert!(done.stopped && done.setpoints == 0, "{done:?}");
-    // While it waits for clients, of which none comes: less than the ten seconds that it would wait.
+    // While it waits for clients that never come: less than the ten seconds that it would wait.
     let mut wanted = options(&corner, Pace::Factor(1.0));
     wanted.wait_for_subscribers = 1;
     let (done, took) = ended(&wanted, Duration::from_secs(1));
     assert!(done.stopped && done.setpoints == 0, "{done:?}");
     assert!(took < Duration::from_secs(8), "{took:?}");
-    // While it plays: at this speed for hours. Somebody hears that it does.
+    // While it publishes, which takes hours at this speed. A listener confirms it.
     let mut wanted = options(&corner, Pace::Factor(0.001));
     wanted.wait_for_subscribers = 1;
     let (is_heard, begun) = (AtomicBool::new(false), Instant::now());

@@ -1,4 +1,4 @@
-//! Inputs and outputs of a recorded run come out the same when it is computed again.
+//! Inputs and outputs of a recorded run are recomputed exactly.
 #![allow(clippy::expect_used, clippy::panic, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};

@@ -1,5 +1,4 @@
-//! A recorded run comes out the same when it is computed again, and whatever was changed in the record is
-//! found.
+//! A recorded run is recomputed exactly, and every change of the record is found.
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,
@@ -60,7 +59,7 @@ fn a_run_in_real_time_with_overrides_holds_and_a_stop_comes_out_the_same() {
         Clock::Realtime,
         1.0,
         |controls| {
-            // By the run's own time, of which a cycle is 1 ms: nobody knows when it starts.
+            // By the run's own time, with cycles of 1 ms, since the time of its start is unknown.
             let (begin, mut until) = (Instant::now(), 0);
             let mut wait = |cycles| {
                 until += cycles;
@@ -115,7 +114,7 @@ fn a_run_in_real_time_with_overrides_holds_and_a_stop_comes_out_the_same() {
         .iter()
         .any(|cycle| cycle.inputs & (inputs::WAITED | inputs::REFUSED) != 0 && cycle.feed_mm_s > 0.0);
     if !verified.holds() && (outcome.summary.starved_cycles > 0 || missed) {
-        // On a machine that is too busy; what cannot come out the same must at least be explained.
+        // On a host that is too busy; differences must at least be explained.
         println!("not measured: the planner was too slow on this machine");
         assert!(!verified.explanations.is_empty(), "{verified:?}");
     } else {
@@ -163,7 +162,7 @@ fn the_first_cycle_block_and_quantity_that_differ_are_named() {
         "nothing explains it: {:?}",
         verified.explanations
     );
-    // A micrometre breaks no bit only: jerk shows it without any planner.
+    // A micrometre does not only change bits: jerk shows it without any planner.
     let moved = altered(
         &trace,
         "moved",

@@ -1,6 +1,6 @@
 //! The figures of docs/benchmarks.md: `cargo bench -p evolvent-runtime --bench figures [-- SECONDS]`.
 //!
-//! Prints a table. Times are of this host at this moment; compare lines of one run with one another.
+//! Prints a table. Times are those of this host at this moment, so compare lines of the same run.
 
 #![allow(
     clippy::print_stdout,
@@ -34,13 +34,13 @@ fn setup(machine: &str, rate: Option<ControlRate>) -> Setup {
     Setup::new(Machine::load(&file).expect("machine"), file, text, rate).expect("rate")
 }
 
-/// A planner that goes on where it is told to, for a program that one wants to drive oneself.
+/// A planner that plans on request, for a program that the caller drives step by step.
 struct Ahead {
     commands: Box<dyn Iterator<Item = Command>>,
     planner: Planner<PlanProducer<fn() -> bool>>,
     block: u32,
     ended: bool,
-    /// The longest time in which it did not look for what the cycle asks.
+    /// The longest time without a check for requests of the cycle.
     longest: Duration,
 }
 
@@ -83,8 +83,8 @@ impl Ahead {
     }
 }
 
-/// Time of each step with its hand-over to two queues, as the loop does it; and the planner's longest
-/// absence.
+/// Time of each step including its two queues, as in the loop, and the longest time in which the planner did
+/// not check for requests.
 fn own_work(program: &str, rate_hz: f64, planner: PlannerKind) -> (Histogram, u64, Duration) {
     let mut setup = setup("mill-3axis.toml", Some(ControlRate::Hz(rate_hz)));
     setup.machine.path.planner = planner;
@@ -105,7 +105,7 @@ fn own_work(program: &str, rate_hz: f64, planner: PlannerKind) -> (Histogram, u6
         let _full = to_bus.push(setpoint);
         let _full = to_trace.push(setpoint);
         histogram.record(start.elapsed().as_nanos() as i64);
-        // The other ends are emptied outside the measurement.
+        // The other ends are emptied outside the measured time.
         let _taken = (bus.pop(), trace.pop());
         cycles += 1;
     }
@@ -128,7 +128,7 @@ fn job(program: PathBuf, setup: Setup, clock: Clock, trace: Option<PathBuf>) -> 
     }
 }
 
-/// Runs a job; returns its summary, its duration, and when the first setpoint came.
+/// Runs a job. Returns its summary, its duration, and the time until the first setpoint.
 fn timed(job: &Job) -> (Summary, Duration, Duration) {
     let controls = Arc::new(Controls::new(1.0));
     let start = Instant::now();
@@ -168,7 +168,7 @@ fn million_lines(path: &Path) {
     writeln!(out, "M30").expect("write");
 }
 
-/// Largest resident memory of this process, MB.
+/// Maximum resident memory of this process, MB.
 fn resident_mb() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status
@@ -203,7 +203,7 @@ fn main() {
     std::fs::create_dir_all(&folder).expect("temporary folder");
     println!("| what | figure |\n|---|---|");
 
-    // First, before anything else has used memory.
+    // Measured first, before anything else has used memory.
     let program = folder.join("million.ngc");
     million_lines(&program);
     let rational = setup("mill-3axis.toml", None);

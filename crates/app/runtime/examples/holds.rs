@@ -1,8 +1,8 @@
-//! Holds at random moments of a program, with the plan ahead of each, as JSON lines for `shortest_stop.py`
-//! beside this file.
+//! Holds at random moments of a program, with the plan ahead of each, as JSON lines for `shortest_stop.py` in
+//! the same folder.
 //!
 //! `cargo run --release -p evolvent-runtime --example holds -- PROGRAM MACHINE RATE COUNT SEED`. In every
-//! third hold nobody plans from the hold until the machine is at rest.
+//! third hold the planner stops working from the hold until the machine is at rest.
 
 #![allow(
     clippy::print_stdout,
@@ -25,7 +25,7 @@ mod driven;
 
 /// Time between two samples of the plan.
 const SAMPLE_NS: u64 = 100_000;
-/// How much of the plan beyond the duration of the hold is written.
+/// Length of the plan that is written, in addition to the duration of the hold.
 const BEYOND_S: f64 = 0.05;
 
 fn main() {
@@ -53,15 +53,15 @@ fn main() {
     }
 }
 
-/// The rest of a line: limits, the plan from the hold on, and the motion from the setpoint before the hold to
-/// rest.
+/// Writes the rest of a line: limits, the plan from the hold on, and the motion from the setpoint before the
+/// hold until rest.
 fn write(setup: &Setup, samples: &[Setpoint], held: &[Setpoint], moment: usize) {
     let limits = setup.machine.limits();
     let period_s = setup.period_ns as f64 * 1e-9;
     let sample_s = SAMPLE_NS as f64 * 1e-9;
     let took_s = (held.len() - moment) as f64 * period_s;
     let from = &held[moment - 1];
-    // Both rates begin with the same rest, so the sample of the same path is near.
+    // Both rates begin with the same rest, so the sample at the same path length is near.
     let guess = (moment as f64 * period_s / sample_s) as usize;
     let near = guess.saturating_sub(60).min(samples.len() - 1)..(guess + 60).min(samples.len());
     let off = |k: &usize| (samples[*k].path_mm - from.path_mm).abs();

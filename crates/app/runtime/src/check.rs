@@ -1,4 +1,4 @@
-//! What is wrong with a program, without moving anything.
+//! Checks a program without moving anything.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::convert::Infallible;
@@ -25,26 +25,26 @@ use crate::turning::turning;
 use crate::unlikely_feed::UnlikelyFeed;
 use crate::user_code::UserCodes;
 
-/// What was found.
+/// Result of a check.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checked {
-    /// Errors in the order in which a run would meet them: what the text gets wrong and what the machine
-    /// refuses.
+    /// Errors in the order in which a run would meet them: errors of the text, and commands that the machine
+    /// rejects.
     pub errors: Vec<Diagnostic>,
-    /// Lines that are right but probably not what was meant.
+    /// Lines that are valid but probably not intended.
     pub warnings: Vec<Warning>,
-    /// What was not looked at, where a bound ended the check.
+    /// The unchecked part, if a bound ended the check.
     pub unchecked: Option<Unchecked>,
 }
 
-/// A line that is right but probably not what was meant.
+/// A line that is valid but probably not intended.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Warning {
-    /// The file, where it is not the program itself but one of a subroutine.
+    /// The file, if it is that of a subroutine rather than the program itself.
     pub file: Option<String>,
     /// Physical line in the file, from 1.
     pub line: u32,
-    /// What it does, and what to write if that was not meant.
+    /// What the line does, and what to write instead.
     pub message: String,
 }
 
@@ -66,7 +66,7 @@ impl Warning {
     }
 }
 
-/// Reads a program as a run would, and asks of every command whether the machine can do it. Nothing is
+/// Reads a program as a run would, and checks for every command that the machine can carry it out. Nothing is
 /// planned.
 ///
 /// # Errors
@@ -75,7 +75,7 @@ pub fn check(program: &Path, setup: &Setup, bounds: CheckBounds) -> std::io::Res
     check_while(program, setup, bounds, || true)
 }
 
-/// The same as long as `go_on` says so; it is asked at every command.
+/// Like [`check`], but stops when `go_on` returns `false`; it is called for every command.
 pub(crate) fn check_while(
     program: &Path,
     setup: &Setup,
@@ -84,7 +84,7 @@ pub(crate) fn check_while(
 ) -> std::io::Result<Checked> {
     let reader = reader_of(open_regular(program)?);
     let settings = Settings {
-        // What waits for an input goes on as on a machine that does its part.
+        // Waits for an input succeed, as on a machine that works.
         waits_succeed: true,
         probes_succeed: true,
         ..setup.interpreter_settings_for(program)
@@ -119,8 +119,7 @@ pub(crate) fn check_while(
     Ok(check.checked)
 }
 
-/// Whether a program has more than comments, blank lines and `%`. Of a program that has, only the beginning
-/// is read.
+/// Whether a program has more than comments, blank lines and `%`. Reads only as far as the first block.
 fn holds_block(program: &Path) -> std::io::Result<bool> {
     let mut comment_ends_at = None;
     for byte in reader_of(open_regular(program)?).bytes() {
@@ -137,14 +136,14 @@ fn holds_block(program: &Path) -> std::io::Result<bool> {
     Ok(false)
 }
 
-/// Whether more of a program is looked at.
+/// Whether the check continues.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum CheckStep {
     Next,
     End,
 }
 
-/// The check of one program, command after command.
+/// The check of one program, command by command.
 struct ProgramCheck<'a> {
     program: &'a Path,
     setup: &'a Setup,
@@ -154,24 +153,24 @@ struct ProgramCheck<'a> {
     validator: MoveValidator,
     machine: MachineCheck<'a>,
     threads: ThreadCheck,
-    /// Lines that the machine has refused: loops come by again and again.
+    /// Lines that the machine has rejected, to report each once: loops repeat them.
     told: BTreeSet<(Option<Origin>, u32)>,
-    /// Lines of which a warning was given, by whether it was one of an assumed contact.
+    /// Lines with a warning, by whether it was about an assumed contact.
     warned: BTreeSet<(Option<Origin>, u32, bool)>,
-    /// Axes whose position depends on a contact that is only assumed.
+    /// Axes whose position depends on a probe contact that is only assumed.
     assumed: [bool; AXES],
-    /// Axes whose position depends on lines with errors, which had no effect.
+    /// Axes whose position depends on lines with errors, which have no effect here.
     doubtful: [bool; AXES],
-    /// Axes that are not homed and have not been sent anywhere yet: they may be anywhere.
+    /// Axes that are not homed and have not moved yet: their position is unknown.
     anywhere: AxisMask,
-    /// A move beyond the travel was refused.
+    /// A move beyond the travel was rejected.
     has_strayed: bool,
-    /// The last of them depends on an assumed contact or on a line with an error.
+    /// The last such move depends on an assumed contact or on a line with an error.
     strayed_openly: bool,
     unlikely_feed: UnlikelyFeed,
-    /// Commands in all.
+    /// Number of commands.
     commands: u64,
-    /// Commands since a new line was reached.
+    /// Number of commands since a new line was reached.
     round: u64,
     /// The last line reached.
     farthest: u32,
@@ -203,10 +202,10 @@ impl<'a> ProgramCheck<'a> {
         }
     }
 
-    /// What the text gets wrong.
+    /// Handles an error of the text.
     fn error_in_text(&mut self, diagnostic: Diagnostic) -> CheckStep {
         let line = diagnostic.line;
-        // Nothing comes after it.
+        // Nothing follows this error.
         let is_last = diagnostic.code == Code::TooManySteps;
         self.checked.errors.push(diagnostic);
         if is_last {
@@ -215,7 +214,7 @@ impl<'a> ProgramCheck<'a> {
         self.end_if_full(line)
     }
 
-    /// What is wrong with a command that the text gets right.
+    /// Checks a command whose text is correct.
     fn command(&mut self, command: &Command, go_on: &mut impl FnMut() -> bool) -> CheckStep {
         self.count(command);
         if let Some(bound) = self.bound_reached() {
@@ -240,8 +239,8 @@ impl<'a> ProgramCheck<'a> {
         if let Action::Thread { curve, .. } = &command.action {
             self.validator.set_position(&curve.end());
         }
-        // Only a straight move sends an axis to a place of its own; one to where the axis stands is no move,
-        // and comes here with the next.
+        // A curve starts at a programmed position, so its axes are known before it, even if the move to that
+        // position was none because the axis was already there.
         let is_curve =
             matches!(&command.action, Action::Move(motion) if !matches!(motion.curve, Curve::Line(_)));
         if is_curve {
@@ -277,7 +276,7 @@ impl<'a> ProgramCheck<'a> {
         self.end_if_full(command.line)
     }
 
-    /// Axes that the program has sent to a place are known to be there.
+    /// Axes that the program has positioned are at a known position from here on.
     fn know_where_sent(&mut self) {
         for axis in self.anywhere.axes() {
             if !self.doubtful[axis] {
@@ -323,7 +322,7 @@ impl<'a> ProgramCheck<'a> {
         CheckStep::End
     }
 
-    /// Ends where there are as many errors as are looked for.
+    /// Ends the check once the maximum number of errors is found.
     fn end_if_full(&mut self, line: u32) -> CheckStep {
         if self.checked.errors.len() >= self.bounds.errors {
             self.end_at(line, CheckBound::Errors)
@@ -332,7 +331,7 @@ impl<'a> ProgramCheck<'a> {
         }
     }
 
-    /// What the machine has against an action.
+    /// The machine's objection to an action, if any.
     fn objection(&mut self, action: &Action) -> Option<Objection> {
         match action {
             Action::Move(motion) => self.objection_to_move(motion),
@@ -342,7 +341,7 @@ impl<'a> ProgramCheck<'a> {
                 toward,
                 ..
             } => {
-                // What follows begins where the probe stops.
+                // The next move begins where the probe stops.
                 self.validator.set_position(&curve.end());
                 let order = ProbeMove {
                     curve: *curve,
@@ -360,7 +359,7 @@ impl<'a> ProgramCheck<'a> {
 
     fn objection_to_move(&mut self, motion: &Move) -> Option<Objection> {
         let refused = match self.validator.validate::<Infallible>(motion) {
-            // A move after one that was refused starts elsewhere: nothing new.
+            // A move after a rejected one starts elsewhere, which is no further error.
             Err(PlanError::Gap { .. }) => {
                 self.validator = MoveValidator::new(&self.limits);
                 self.validator.validate::<Infallible>(motion).err()
@@ -376,8 +375,8 @@ impl<'a> ProgramCheck<'a> {
                 return own.map(Objection::Plan);
             }
             let is_open = |axis: usize| self.assumed[axis] || self.doubtful[axis];
-            // Where a move led on an assumption only, one that is certain to end beyond is an error of its
-            // own.
+            // If an earlier move beyond the travel was an assumption, one that certainly ends beyond it is a
+            // separate error.
             let is_own =
                 self.strayed_openly && !is_open(axis.index()) && ends_beyond(motion, axis.index(), *limit);
             let follows = self.has_strayed && was_there(error, motion) && !is_own;
@@ -393,8 +392,8 @@ impl<'a> ProgramCheck<'a> {
         refused.map(Objection::Plan)
     }
 
-    /// The first axis that a move takes out of the travel in which it was before, where another axis was
-    /// beyond it already. Of an axis that comes from anywhere the end counts.
+    /// Of a move that was rejected because one axis was beyond its travel before: the first other axis that
+    /// the move takes out of its travel. For an axis with unknown position only the end is checked.
     fn leaves_elsewhere(&self, motion: &Move) -> Option<PlanError<Infallible>> {
         let (low, high) = motion.curve.bounds(0.0, motion.curve.domain());
         let (start, end) = (motion.curve.start(), motion.curve.end());
@@ -420,7 +419,7 @@ impl<'a> ProgramCheck<'a> {
     }
 }
 
-/// The line of a command: the same of a subroutine's file, whoever calls it.
+/// The file and line of a command. A subroutine's line is the same for every caller.
 fn place_of(command: &Command) -> (Option<Origin>, u32) {
     match &command.origin {
         Some(origin) => (Some(origin.clone()), 0),
@@ -434,7 +433,7 @@ fn ends_beyond(motion: &Move, axis: usize, limit: f64) -> bool {
     (end - limit).signum() == (start - limit).signum() && end != limit
 }
 
-/// Whether a move is beyond the travel only because it starts where a refused move was to lead.
+/// Whether a move is beyond the travel only because it starts at the end of a rejected move.
 fn was_there(error: &PlanError<Infallible>, motion: &Move) -> bool {
     let PlanError::Travel { axis, reached, limit } = error else {
         return false;
@@ -443,7 +442,7 @@ fn was_there(error: &PlanError<Infallible>, motion: &Move) -> bool {
     (start - limit).signum() == (reached - limit).signum() && (reached - limit).abs() <= (start - limit).abs()
 }
 
-/// What the machine has against a command.
+/// The machine's objection to a command.
 enum Objection {
     Plan(PlanError<Infallible>),
     Words(String),
@@ -473,16 +472,16 @@ impl Objection {
     }
 }
 
-/// What the machine can do, command after command.
+/// What the machine can do, command by command.
 struct MachineCheck<'a> {
     setup: &'a Setup,
     bounds: CheckBounds,
     codes: UserCodes,
-    /// Each program is looked for once, however often it is called.
+    /// Executables of user-defined M codes; each is looked up once.
     programs: BTreeMap<u32, Option<String>>,
     /// The tool in the spindle.
     tool: u32,
-    /// Which tool that is, is known.
+    /// Whether the tool in the spindle is known.
     is_tool_named: bool,
 }
 
@@ -515,7 +514,7 @@ impl<'a> MachineCheck<'a> {
                 self.is_tool_named = true;
             }
             Action::BeginToolChange(_) | Action::ChangeTool(_) if !self.is_tool_named => {
-                // Once: what follows goes on as if it were known.
+                // Reported once: the check then continues as if the tool were known.
                 self.is_tool_named = true;
                 let text = self.setup.tool_unknown.clone().unwrap_or_default();
                 return Some(Objection::Words(text));

@@ -1,30 +1,30 @@
-//! How far a program is checked, and what a bound leaves unchecked.
+//! Bounds of a check, and the part of the program that they leave unchecked.
 
 use std::fmt;
 
 use evolvent_gcode::LoopPlace;
 
-/// How far a program is looked at.
+/// Bounds of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CheckBounds {
-    /// Errors after which nothing more is looked at.
+    /// Number of errors after which the check ends.
     pub errors: usize,
-    /// Commands for the machine in all.
+    /// Maximum number of commands.
     pub commands: u64,
-    /// Commands after which no line farther down has been reached: a loop that makes parts until it is
-    /// stopped would be followed for ever.
+    /// Maximum number of commands without reaching a later line. Without this bound a loop that makes parts
+    /// until it is stopped would never end.
     pub round: u64,
-    /// Whether the programs of user-defined M codes (M100 to M199) have to be there.
+    /// Whether the executables of user-defined M codes (M100 to M199) must exist.
     pub user_codes: bool,
     /// Whether an operator can confirm a tool change.
     pub confirms_tools: bool,
 }
 
 impl CheckBounds {
-    /// Commands of a loop in a check that nobody waits for.
+    /// Commands in a loop for a check that no client waits for.
     pub const LOOP_COMMANDS: u64 = 1_000_000;
 
-    /// To its end, unless it goes round for a million commands.
+    /// Checks up to the end, with at most a million commands in a loop.
     #[must_use]
     pub fn whole(errors: usize) -> Self {
         Self {
@@ -36,8 +36,8 @@ impl CheckBounds {
         }
     }
 
-    /// As far as can be looked at while a client waits, about a second at most: a million commands, a hundred
-    /// thousand of them in a loop.
+    /// Bounds while a client waits, about one second: a million commands, a hundred thousand of them in a
+    /// loop.
     #[must_use]
     pub fn while_one_waits(errors: usize) -> Self {
         Self {
@@ -50,17 +50,17 @@ impl CheckBounds {
     }
 }
 
-/// What was not looked at.
+/// The part of a program that was not checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unchecked {
     /// The last line of the program that was checked.
     pub up_to: u32,
-    /// Why nothing after it was.
+    /// Why the check ended there.
     pub bound: CheckBound,
 }
 
 impl Unchecked {
-    /// A line that takes many commands may be one of a loop: then the loop is the reason.
+    /// Names the loop as the reason if the line with many commands is part of one.
     pub(crate) fn name_loop(&mut self, place: Option<LoopPlace>) {
         if let (CheckBound::Line { commands, .. }, Some(place)) = (&self.bound, place) {
             self.bound = CheckBound::Loop {
@@ -80,33 +80,33 @@ impl fmt::Display for Unchecked {
 /// What ends a check before the end of the program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CheckBound {
-    /// There are as many errors as are looked for, or an error ends the reading of the program.
+    /// The maximum number of errors was found, or an error ended the reading of the program.
     Errors,
-    /// A loop has too many commands.
+    /// A loop exceeds its number of commands.
     Loop {
-        /// Where it begins.
+        /// The start of the loop.
         place: LoopPlace,
-        /// The bound.
+        /// The maximum number.
         commands: u64,
     },
-    /// A line without a loop has too many commands, such as M98 with L.
+    /// A line without a loop exceeds the number of commands, for example M98 with L.
     Line {
-        /// The line of the program.
+        /// The program line.
         line: u32,
-        /// The bound.
+        /// The maximum number.
         commands: u64,
     },
-    /// The program as a whole has too many.
+    /// The whole program exceeds the number of commands.
     Commands {
-        /// The bound.
+        /// The maximum number.
         commands: u64,
     },
-    /// Nobody needs the result any more.
+    /// The result is no longer needed.
     Cancelled,
 }
 
 impl CheckBound {
-    /// Its name in JSON.
+    /// The name in JSON.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
@@ -118,7 +118,7 @@ impl CheckBound {
         }
     }
 
-    /// Whether a larger bound for loops ([`CheckBounds::round`]) would let the check go on.
+    /// Whether a larger [`CheckBounds::round`] would let the check continue.
     #[must_use]
     pub fn is_of_loops(&self) -> bool {
         matches!(self, Self::Loop { .. } | Self::Line { .. })

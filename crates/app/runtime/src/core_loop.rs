@@ -1,9 +1,8 @@
-//! The core loop: cycle after cycle at the control rate, of a run and of a served machine alike.
+//! The core loop of a run and of a served machine: cycle after cycle at the control rate.
 //!
-//! Deadlines, lateness, and the hand-over to bus and trace are here; what the axes do is a
-//! [`SetpointSource`]'s. Once it runs it allocates nothing, locks nothing, and waits for nothing but its
-//! deadline (the virtual clock also waits for the planner and for room in the queues, because its time is not
-//! real).
+//! It handles deadlines, lateness, and the queues to bus and trace; a [`SetpointSource`] computes the motion.
+//! While it runs it allocates nothing, locks nothing, and waits for nothing but its deadline. With the
+//! virtual clock it also waits for the planner and for capacity in the queues, because its time is not real.
 
 use evolvent_motion::{Setpoint, flags};
 use evolvent_path::Jet;
@@ -16,100 +15,99 @@ use crate::job::Clock;
 use crate::pacing::{LatenessCounter, Pacing, RealTimer};
 use crate::rt::MonotonicClock;
 
-/// Cycles that a virtual run may spin on a full queue before it lets another thread run.
+/// Iterations that a virtual run spins on a full queue before it yields to another thread.
 const SPINS: u32 = 64;
 
-/// What moves the axes. Everything is called by the cycle's thread: nothing may allocate, lock, log or wait.
+/// Computes the motion. The cycle's thread calls all methods: they must not allocate, lock, log or wait.
 pub(crate) trait SetpointSource {
-    /// Before a cycle whose time is not real: waits until the plan for it is there.
+    /// With the virtual clock, waits before a cycle until its plan is available.
     fn await_plan(&mut self);
 
-    /// The next setpoint. What counts with it, as outputs do, is handed over here: before the setpoint
-    /// itself.
+    /// Computes the next setpoint. Outputs that change with it are passed on here, before the setpoint.
     fn step(&mut self, begin: &CycleBegin) -> Computed;
 
-    /// Too many setpoints in a row are late; this is the last of them.
+    /// Handles too many late setpoints in a row; `sequence` is the last of them.
     fn stop_for_lateness(&mut self, sequence: u64);
 
     /// Adds to the record what only the source knows.
     fn describe(&mut self, sample: &mut CycleSample);
 
-    /// After the hand-over.
+    /// Ends the cycle, after the setpoint was passed on.
     fn finish(&mut self, end: &CycleEnd<'_>) -> Next;
 }
 
-/// A cycle that begins.
+/// The start of a cycle.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CycleBegin {
-    /// Cycles before it.
+    /// Number of cycles before it.
     pub number: u64,
-    /// When it begins at the control rate, ns; from 0 on where time is not real.
+    /// Its deadline at the control rate, ns; counted from 0 with the virtual clock.
     pub deadline_ns: u64,
 }
 
-/// A setpoint, and what goes with it.
+/// A setpoint and its accompanying data.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Computed {
     pub setpoint: Setpoint,
-    /// What the drives are sent, where that is something else.
+    /// The setpoint sent to the drives, if it differs.
     pub corrected: Option<Jet>,
     pub drive: DriveRequest,
-    /// The job to whose program it belongs, or to whose program the last one did.
+    /// The job of the program that it belongs to, or of the last program.
     pub job: u64,
-    /// Whether it belongs to a program, and not to a jog, to homing or to rest.
+    /// Whether it belongs to a program rather than to a jog, homing or rest.
     pub is_of_program: bool,
-    /// By what the commanded speed of each spindle is multiplied.
+    /// Factor on the commanded speed of each spindle.
     pub spindle_overrides: SpindleOverrides,
-    /// Spindles for which the program has switched that off.
+    /// Spindles whose override the program has switched off.
     pub override_off_mask: u32,
-    /// What it depended on, as bits of the trace.
+    /// The inputs on which it depended, as bits of the trace.
     pub input_bits: u32,
 }
 
-/// A cycle that has ended, but for this.
+/// A complete cycle, except [`SetpointSource::finish`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CycleEnd<'a> {
-    /// As it has left.
+    /// The setpoint as passed on.
     pub setpoint: &'a Setpoint,
-    /// By how much the loop woke late, ns.
+    /// Lateness of the wake-up, ns.
     pub lateness_ns: u64,
-    /// Time until the setpoint was there, ns.
+    /// Time until the setpoint was computed, ns.
     pub work_ns: u64,
-    /// This cycle and those before.
+    /// Counts including this cycle.
     pub counts: &'a CycleCounts,
 }
 
 /// What follows a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Next {
-    /// Another, whose deadline is corrected by this much, ns.
+    /// Another cycle, with this correction of its deadline, ns.
     Cycle { correction_ns: i64 },
     /// Nothing.
     End,
 }
 
-/// What the loop has counted.
+/// Counts of the loop.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CycleCounts {
     pub cycles: u64,
-    /// Setpoints that were finished after they were due.
+    /// Setpoints completed after their due time.
     pub late_cycles: u64,
-    /// Records that found no room.
+    /// Records that did not fit into their queue.
     pub dropped_records: u64,
-    /// Setpoints that found no room.
+    /// Setpoints that did not fit into their queue.
     pub dropped_setpoints: u64,
-    /// By how much the loop woke late.
+    /// Lateness of the wake-ups.
     pub lateness: Histogram,
-    /// What a cycle took, with the handing over.
+    /// Duration of a cycle, including the queues.
     pub work: Histogram,
 }
 
-/// Everything that the loop needs beside a source; built before it starts.
+/// Everything that the loop needs besides a source; built before it starts.
 pub(crate) struct CoreLoop {
     pub clock: Clock,
     pub period_ns: u64,
     pub lead_cycles: u32,
-    /// Number of late setpoints in a row at which the core stops; 0: never.
+    /// Number of consecutive late setpoints at which the core stops; 0 for never.
     pub max_late_cycles: u32,
     /// Unix time of the first setpoint.
     pub start_unix_ns: u64,
@@ -180,7 +178,7 @@ impl CoreLoop {
                 counts: &counts,
             });
             if let Some(cycle) = cycle {
-                // With the handing over, which the cycle's own record cannot know yet.
+                // Includes the queues, whose time the record of the same cycle cannot contain yet.
                 let whole_ns = MonotonicClock::now_ns().saturating_sub(cycle.begun_ns);
                 counts.work.record(whole_ns as i64);
             }
@@ -192,8 +190,8 @@ impl CoreLoop {
     }
 }
 
-/// In real time what finds no room is dropped; in virtual time there is time to wait. Whether it was handed
-/// over.
+/// Passes an item on. In real time an item that does not fit is dropped; with the virtual clock this waits.
+/// Returns whether the item was passed on.
 pub(crate) fn hand_over<T>(queue: &mut Producer<T>, item: T, is_realtime: bool) -> bool {
     if !is_realtime {
         wait_until(|| !queue.is_full() || queue.is_abandoned());
@@ -201,7 +199,7 @@ pub(crate) fn hand_over<T>(queue: &mut Producer<T>, item: T, is_realtime: bool) 
     queue.push(item).is_ok()
 }
 
-/// Waits, where time is not real.
+/// Waits for a condition, with the virtual clock only.
 pub(crate) fn wait_until(mut is_ready: impl FnMut() -> bool) {
     let mut spins = 0;
     while !is_ready() {

@@ -1,5 +1,4 @@
-//! From the ideal setpoint of a cycle to what the drives are sent, the same in the cycle and where it is
-//! computed again.
+//! Converts the ideal setpoint of a cycle to the one sent to the drives, in the cycle and in recomputation.
 
 use evolvent_compensation::Compensation;
 use evolvent_machine::{Limits, Machine, SignalKind};
@@ -7,30 +6,30 @@ use evolvent_motion::{Guard, Setpoint, State, Violation, flags};
 use evolvent_path::{AXES, Axes, Jet};
 use evolvent_signals::InputImage;
 
-/// How far the drives may stand from what they were sent, mm or degrees, and count as standing there: going
-/// from a corrected position to the ideal one and back is exact to rounding only.
+/// Distance within which the drives count as being where they were sent, mm or degrees. The conversion from
+/// corrected to ideal and back is exact only up to rounding.
 const SAME_PLACE: f64 = 1e-9;
 
-/// Corrects every setpoint. Made where the machine file says that something is wrong with the machine.
+/// Corrects every setpoint; exists only if the machine file describes errors of the machine.
 ///
-/// One step a cycle. Real-time safe, but for making it.
+/// One step per cycle. Real-time safe except construction.
 #[derive(Clone, Debug)]
 pub struct Corrections {
     compensation: Compensation,
     thermal_inputs: [Option<u32>; AXES],
-    /// Of what the drives are sent. Travel is checked of ideal positions.
+    /// Limits of corrected setpoints. Travel is checked on ideal positions.
     limits: Limits,
     period_s: f64,
     guard: Guard,
     sent: Jet,
-    /// The next setpoint does not continue the last: the axes have other coordinates, or were moved without
-    /// power.
+    /// The next setpoint does not continue the last one: the axes were given other coordinates, or moved
+    /// without power.
     is_new: bool,
     fault: Option<Violation>,
 }
 
 impl Corrections {
-    /// At rest at the ideal `position`; none where nothing is corrected.
+    /// At rest at the ideal `position`; `None` if nothing is corrected.
     #[must_use]
     pub fn new(machine: &Machine, period_ns: u64, position: Axes) -> Option<Self> {
         if machine.corrections.is_none() {
@@ -54,7 +53,7 @@ impl Corrections {
         })
     }
 
-    /// What the drives are sent for this setpoint, as the analog inputs are.
+    /// Computes what the drives are sent for a setpoint. `inputs` holds the analog inputs for thermal growth.
     pub fn step(&mut self, setpoint: &Setpoint, inputs: Option<&InputImage>) -> Jet {
         for (axis, number) in self.thermal_inputs.iter().enumerate() {
             let value = number.and_then(|number| inputs?.value(SignalKind::Analog, number));
@@ -62,8 +61,8 @@ impl Corrections {
                 self.compensation.set_thermal_offset(axis, value);
             }
         }
-        // A take-up may be under way where the axes have got other coordinates: for three cycles acceleration
-        // and jerk are not known.
+        // A backlash take-up may be in progress when the axes are given other coordinates, so acceleration
+        // and jerk are unknown for three cycles.
         let is_new = std::mem::take(&mut self.is_new);
         if is_new {
             let before = self.compensation.corrected_position(&setpoint.position);
@@ -76,7 +75,7 @@ impl Corrections {
             third: setpoint.jerk,
         });
         let is_joint = is_new || setpoint.flags & flags::JOINT != 0;
-        // What stops by itself after a fault has its own bounds.
+        // A stop of each axis on its own after a fault has its own limits.
         let is_stopping = matches!(setpoint.state, State::Fault | State::Stopping);
         if let Err(violation) = self.guard.check(&corrected.position, is_joint, is_stopping) {
             self.fault.get_or_insert(violation);
@@ -86,25 +85,25 @@ impl Corrections {
         corrected
     }
 
-    /// What the guard over corrected setpoints has objected to since this was asked last.
+    /// The violation that the guard found in corrected setpoints since the last call, if any.
     pub fn take_fault(&mut self) -> Option<Violation> {
         self.fault.take()
     }
 
-    /// At rest: the same place has other coordinates, or the machine was moved without power.
+    /// Restarts at rest: the same position has other coordinates, or the machine was moved without power.
     pub fn relocate(&mut self, position: &Axes) {
         self.compensation.rebase_position(position);
         self.is_new = true;
     }
 
-    /// By how much the last setpoint was corrected.
+    /// The correction of the last setpoint, whose ideal position is `ideal`.
     #[must_use]
     pub fn shift(&self, ideal: &Axes) -> Axes {
         self.sent.position - ideal
     }
 
-    /// Where the tool is, the drives being at `positions` on the axes for which `is_known`, and elsewhere as
-    /// they were sent; none where that is where they were sent.
+    /// The ideal position of the tool while the drives are at `positions` on the axes for which `is_known`
+    /// holds, and as sent on the others. `None` if the drives are where they were sent.
     pub(crate) fn found(&self, positions: &[f64; AXES], is_known: impl Fn(usize) -> bool) -> Option<Axes> {
         let mut at = self.sent.position;
         let mut is_elsewhere = false;

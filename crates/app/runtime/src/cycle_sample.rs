@@ -11,15 +11,15 @@ pub(crate) struct CycleSample {
     pub record: CycleRecord,
     pub block: u32,
     pub actions: u32,
-    /// The change of state of a turning cycle.
+    /// The change of state of a turning cycle, if any.
     pub turning: Option<Transition>,
-    /// How the cycle follows the drives' clock, where a phase error has come.
+    /// How the cycle follows the drives' clock, if a phase error was reported.
     pub phase: Option<PhaseRecord>,
 }
 
 impl CycleSample {
-    /// Of a setpoint that is due at this Unix time. `inputs`: what its computing depended on, as bits of the
-    /// trace.
+    /// A sample of a setpoint that is due at this Unix time. `inputs`: the inputs on which it depended, as
+    /// bits of the trace.
     pub(crate) fn new(
         setpoint: &Setpoint,
         due_unix_ns: u64,
@@ -55,7 +55,7 @@ impl CycleSample {
         }
     }
 
-    /// Blocks begun up to here; 0 where nothing moves.
+    /// Number of blocks begun; 0 if nothing moves.
     pub(crate) fn blocks_begun(&self) -> u32 {
         let still = [State::Idle, State::Dwell, State::ProgramStop].map(|state| state as u8);
         if still.contains(&self.record.state) {
@@ -66,7 +66,7 @@ impl CycleSample {
     }
 }
 
-/// What a step along a plan depended on beside plan and override, as bits of the trace.
+/// The inputs on which a step along a plan depended besides plan and override, as bits of the trace.
 pub(crate) fn input_bits(inputs: &Inputs, motion: &PathExecutor) -> u32 {
     let lag = motion.planner_lag();
     let bits = [

@@ -1,4 +1,4 @@
-//! What this host can do for a real-time loop: facts with advice, and lateness measured by a bare loop.
+//! Suitability of this host for a real-time loop: facts with advice, and lateness measured by a bare loop.
 
 use crate::host::{Interrupts, RemoveIpc, governors, interrupts_allowed_on, names_core, remove_ipc};
 use crate::rt::{
@@ -11,33 +11,33 @@ use rustix::process::{Resource, getrlimit};
 use std::fs::read_to_string;
 use thiserror::Error;
 
-/// Maximum wake-up delay of the histogram, ns; longer ones count as this.
+/// Maximum wake-up delay of the histogram, ns; longer ones count as this value.
 const LONGEST_NS: u64 = 60_000_000_000;
 
 /// Why a measurement is not possible.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum BareLoopError {
-    /// The rate is none.
+    /// The rate is invalid.
     #[error("a rate of {rate_hz} Hz cannot be measured: choose 1 to 200000")]
     Rate {
-        /// The wanted rate in Hz.
+        /// The requested rate in Hz.
         rate_hz: f64,
     },
-    /// The duration is none.
+    /// The duration is invalid.
     #[error("{seconds} s cannot be measured: choose more than 0 and at most 3600")]
     Duration {
-        /// The wanted duration in s.
+        /// The requested duration in s.
         seconds: f64,
     },
-    /// The operating system gives no thread.
+    /// The operating system cannot start a thread.
     #[error("no thread could be started ({cause}): close other programs and try again")]
     Thread {
-        /// The operating system's cause.
+        /// The operating system's error.
         cause: String,
     },
 }
 
-/// How late a loop woke up.
+/// Lateness of a loop's wake-ups.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LatenessReport {
     /// The rate in Hz.
@@ -46,26 +46,26 @@ pub struct LatenessReport {
     pub period_ns: u64,
     /// Number of wake-ups.
     pub cycles: u64,
-    /// Half of the wake-ups were at most this late, in ns.
+    /// Median lateness, ns.
     pub p50_ns: u64,
-    /// 99 % were at most this late, in ns.
+    /// 99th percentile of lateness, ns.
     pub p99_ns: u64,
-    /// 99.9 % were at most this late, in ns.
+    /// 99.9th percentile of lateness, ns.
     pub p999_ns: u64,
-    /// The latest, in ns.
+    /// Maximum lateness, ns.
     pub max_ns: u64,
-    /// Wake-ups later than one period.
+    /// Number of wake-ups late by more than one period.
     pub over_period: u64,
-    /// What the measuring thread got.
+    /// Privileges of the measuring thread.
     pub granted: RealtimeGranted,
 }
 
-/// Runs a loop that does nothing but wake up at absolute deadlines, on a thread of its own.
+/// Runs a loop on a separate thread that only wakes up at absolute deadlines.
 ///
-/// The yardstick for a real loop in the same run: what is late here is the host's doing.
+/// It is the reference for a real loop in the same run: its lateness is that of the host.
 ///
 /// # Errors
-/// Rate or duration make no sense, or there is no thread to be had.
+/// Rate or duration are invalid, or no thread can be started.
 pub fn bare_loop(
     rate_hz: f64,
     duration: Duration,
@@ -87,7 +87,7 @@ pub fn bare_loop(
     let mut histogram =
         Histogram::<u64>::new_with_bounds(1, LONGEST_NS, 3).map_err(|cause| failed(&cause))?;
     std::thread::scope(|scope| {
-        // A thread of its own: the caller keeps its scheduler and core.
+        // A separate thread, so that the caller keeps its scheduler and core.
         let thread = std::thread::Builder::new()
             .name("bare-loop".to_owned())
             .spawn_scoped(scope, || {
@@ -118,12 +118,12 @@ pub fn bare_loop(
     })
 }
 
-/// How a finding is to be taken.
+/// Assessment of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// As it should be.
+    /// As recommended.
     Good,
-    /// Works, with more lateness than need be.
+    /// Works, with more lateness than necessary.
     Fair,
     /// Real-time runs will be late or impossible.
     Bad,
@@ -132,13 +132,13 @@ pub enum Verdict {
 /// One fact about the host.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// What was looked at; stable, for scripts.
+    /// Name of the fact; stable, for scripts.
     pub name: &'static str,
-    /// What was found.
+    /// The observed value.
     pub value: String,
-    /// How it is to be taken.
+    /// The assessment.
     pub verdict: Verdict,
-    /// What to do where it is not good.
+    /// Remedy, if the value is not good.
     pub advice: Option<String>,
 }
 
@@ -154,20 +154,20 @@ impl Finding {
     }
 }
 
-/// What was found and measured.
+/// Result of an examination.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DoctorReport {
-    /// The facts.
+    /// Facts about the host.
     pub findings: Vec<Finding>,
     /// The measurement.
     pub lateness: LatenessReport,
 }
 
-/// Looks at the host, then measures with the best that this user may ask for. Takes `duration` and about 0.1
-/// s.
+/// Examines the host, then measures with the best privileges available to this user. Takes `duration` and
+/// about 0.1 s.
 ///
 /// # Errors
-/// Rate or duration make no sense.
+/// Rate or duration are invalid.
 pub fn examine(rate_hz: f64, duration: Duration) -> Result<DoctorReport, BareLoopError> {
     let mut findings = facts();
     let isolated = first_core(&file("/sys/devices/system/cpu/isolated"));
@@ -193,7 +193,8 @@ pub fn examine(rate_hz: f64, duration: Duration) -> Result<DoctorReport, BareLoo
     Ok(DoctorReport { findings, lateness })
 }
 
-/// What came to the loop's core while it ran; to the core with the most where none is isolated.
+/// Interrupts of the loop's core during the measurement, or of the core with the most interrupts if none is
+/// isolated.
 fn interrupts(
     before: &Interrupts,
     after: &Interrupts,
@@ -210,7 +211,7 @@ fn interrupts(
         .take(3)
         .map(|(source, count)| format!("{source}: {count}"))
         .collect();
-    // An isolated core needs no advice; any other serves the host.
+    // An isolated core needs no advice; other cores serve the host.
     let bound = if isolated.is_some() { 10.0 } else { 1000.0 };
     let list = if most.is_empty() {
         String::new()
@@ -357,7 +358,7 @@ fn isolated_cores(isolated: &str) -> Finding {
     )
 }
 
-/// Whether the scheduler's tick leaves an isolated core alone.
+/// Whether the scheduler's tick is off on an isolated core.
 fn tick_on(core: usize) -> Finding {
     let nohz = file("/sys/devices/system/cpu/nohz_full");
     let quiet = names_core(&nohz, core);
@@ -400,9 +401,9 @@ fn cpu_frequency() -> Finding {
     )
 }
 
-/// What real-time priority and locked memory this user may ask for.
+/// Real-time priority and locked memory available to this user.
 fn limits_of_user() -> [Finding; 2] {
-    // Whoever has the capability needs no limit; what the thread really got is measured below.
+    // A process with the capability needs no limit. What the thread really got is measured below.
     let privileged = rustix::process::geteuid().is_root();
     let limit = |resource| getrlimit(resource).current;
     let said = |limit: Option<u64>| limit.map_or("unlimited".to_owned(), |n| n.to_string());
@@ -431,7 +432,7 @@ fn limits_of_user() -> [Finding; 2] {
     [priority, memory]
 }
 
-/// Whether shared memory outlives the user's session.
+/// Whether shared memory survives the end of the user's session.
 fn shared_memory_of_user() -> Finding {
     match remove_ipc() {
         RemoveIpc::NoLogind => Finding::new("remove_ipc", "no logind here", Verdict::Good, ""),
@@ -501,7 +502,7 @@ fn clock_source() -> Finding {
     )
 }
 
-/// Whether a setpoint gets through the bus.
+/// Whether a setpoint can be sent over the bus.
 fn bus() -> Finding {
     match try_bus() {
         Ok(()) => Finding::new("bus", "a setpoint went from core to client", Verdict::Good, ""),
@@ -538,7 +539,7 @@ fn shared_memory() -> Finding {
     }
 }
 
-/// Sends one setpoint through shared memory, beside the machines that may be running.
+/// Sends one setpoint through shared memory, without disturbing running machines.
 fn try_bus() -> Result<(), String> {
     let name = format!("doctor-{}-{}", std::process::id(), MonotonicClock::now_ns());
     let mut core =
@@ -558,12 +559,12 @@ fn try_bus() -> Result<(), String> {
     }
 }
 
-/// The text of a small file of the kernel; empty where it is missing.
+/// The text of a small file of the kernel; empty if missing.
 fn file(path: &str) -> String {
     read_to_string(path).unwrap_or_default().trim().to_owned()
 }
 
-/// The first of a list of cores like `2-3,5`.
+/// The first core of a list such as `2-3,5`.
 fn first_core(list: &str) -> Option<usize> {
     list.split([',', '-']).next()?.trim().parse().ok()
 }

@@ -1,4 +1,4 @@
-//! What drives have answered last, as far as a run goes by it.
+//! The last feedback of the drives, as far as a run uses it.
 
 use evolvent_bus::{AXES, Feedback};
 use evolvent_drive::{BridgeState, DriveAlarm, DriveState};
@@ -12,18 +12,18 @@ struct StoppedDrive {
     error_code: u16,
 }
 
-/// State of bridge and drives in one feedback message. Fits into a number, by which one thread hands it to
-/// another as a whole.
+/// State of bridge and drives in one feedback message. It fits into one number, so that one thread can pass
+/// it to another atomically.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct DriveReport {
     state: BridgeState,
     note: u8,
-    /// The first drive in fault, or else the first one that has left operation, or else the first one that is
-    /// stopped quickly.
+    /// The first drive in fault; otherwise the first one that has left operation; otherwise the first one in
+    /// quick stop.
     idle: Option<StoppedDrive>,
 }
 
-/// Set in every number, so that 0 is none.
+/// Set in every number, so that 0 means none.
 const PRESENT: u64 = 1 << 63;
 const IDLE: u64 = 1 << 62;
 
@@ -37,7 +37,7 @@ impl DriveReport {
         };
         let is_operating = |state| state == Some(DriveState::OperationEnabled);
         let axis = idle(&|state| state.is_some_and(DriveState::is_fault))
-            // A bridge stops the others quickly because of it.
+            // The bridge applies a quick stop to the other drives because of this one.
             .or_else(|| idle(&|state| !is_operating(state) && state != Some(DriveState::QuickStopActive)))
             .or_else(|| idle(&|state| !is_operating(state)));
         Self {
@@ -56,7 +56,7 @@ impl DriveReport {
         self.idle.is_none() && self.state == BridgeState::Following
     }
 
-    /// Why drives that were requested to follow do not.
+    /// The reason why drives that were requested to follow do not.
     pub(crate) fn stop_cause(&self) -> Option<DriveAlarm> {
         if let Some(idle) = self.idle {
             let (axis, status_word) = (idle.axis, u32::from(idle.status_word));
@@ -87,7 +87,7 @@ impl DriveReport {
         PRESENT | idle | u64::from(self.note) << 4 | u64::from(self.state.number())
     }
 
-    /// None for 0.
+    /// The report from its bits; `None` for 0.
     pub(crate) fn from_bits(bits: u64) -> Option<Self> {
         (bits & PRESENT != 0).then(|| Self {
             state: BridgeState::from_number(bits as u32 & 0xF).unwrap_or_default(),
@@ -123,7 +123,7 @@ mod tests {
         feedback
     }
 
-    /// As another thread gets it.
+    /// The report as another thread receives it.
     fn report(state: BridgeState, status_word: [u32; 3]) -> DriveReport {
         let report = DriveReport::of(&feedback(state, status_word));
         assert_eq!(DriveReport::from_bits(report.to_bits()), Some(report));
@@ -151,7 +151,7 @@ mod tests {
             };
             assert_eq!((stopped.follows(), stopped.stop_cause()), (false, Some(alarm)));
         }
-        // A quick stop of the others does not hide the drive in fault.
+        // A quick stop of the other drives does not hide the drive in fault.
         let stopped = report(BridgeState::Following, [0x17, OPERATING, 0x18]);
         let alarm = DriveAlarm::DriveFault {
             axis: 8,

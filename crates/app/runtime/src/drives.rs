@@ -1,4 +1,4 @@
-//! From the machine file to the settings of the watch over the drives.
+//! Settings for monitoring the drives, from the machine file.
 
 use evolvent_drive::{FeedbackBounds, PhaseSettings, WatchMode, WatchSettings};
 use evolvent_machine::{FeedbackMode, Machine};
@@ -6,9 +6,9 @@ use evolvent_path::AxisMask;
 
 use crate::pacing::{cycles_per_wake, wake_interval_ns};
 
-/// How the drives of a machine are watched at a period.
+/// Settings for monitoring the drives at a period.
 ///
-/// A sample may always be three wake-ups of the loop old.
+/// A sample may always be as old as three wake-ups of the loop.
 #[must_use]
 pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
     let ns = |seconds: f64| (seconds * 1e9) as u64;
@@ -33,7 +33,7 @@ pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
     settings
 }
 
-/// What the feedback of a machine can say at all.
+/// The range of plausible feedback of a machine.
 #[must_use]
 pub(crate) fn feedback_bounds(machine: &Machine) -> FeedbackBounds {
     let mut bounds = FeedbackBounds::new(AxisMask::NONE);
@@ -47,7 +47,7 @@ pub(crate) fn feedback_bounds(machine: &Machine) -> FeedbackBounds {
     bounds
 }
 
-/// How the cycle follows the drives' clock; none where the machine file says that it does not.
+/// Settings for following the drives' clock; `None` if the machine file disables it.
 #[must_use]
 pub fn phase_settings(machine: &Machine, period_ns: u64) -> Option<PhaseSettings> {
     let lead_cycles = machine.lead_cycles(period_ns);

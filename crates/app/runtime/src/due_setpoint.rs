@@ -5,32 +5,31 @@ use evolvent_gcode::SPINDLES;
 use evolvent_motion::Setpoint;
 use evolvent_path::{Axes, Jet};
 
-/// A factor for the commanded speed of each spindle.
+/// Factors on the commanded speed of the spindles.
 pub(crate) type SpindleOverrides = [f64; SPINDLES];
 
 /// A setpoint on its way to the bus.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DueSetpoint {
-    /// As it was planned: of a machine without errors.
+    /// As planned, without corrections for the machine's errors.
     pub setpoint: Setpoint,
-    /// What the drives are sent, where that is something else.
+    /// The setpoint sent to the drives, if it differs.
     pub corrected: Option<Jet>,
-    /// When it counts, ns.
+    /// When it takes effect, ns.
     pub due_time_ns: u64,
     pub drive: DriveRequest,
-    /// The job to whose program it belongs, or to whose program the last one did.
+    /// The job of the program that it belongs to, or of the last program.
     pub job: u64,
-    /// By what the commanded speed of each spindle is multiplied: the override of the operator, where it
-    /// counts.
+    /// Factor on the commanded speed of each spindle: the operator's override where it is in force.
     pub spindle_overrides: SpindleOverrides,
-    /// Spindles for which the program has switched that off.
+    /// Spindles whose override the program has switched off.
     pub override_off_mask: u32,
-    /// Whether it belongs to a program, and not to a jog, to homing or to rest.
+    /// Whether it belongs to a program rather than to a jog, homing or rest.
     pub is_of_program: bool,
 }
 
 impl DueSetpoint {
-    /// Position, velocity and acceleration that the drives are sent.
+    /// Position, velocity and acceleration sent to the drives.
     pub(crate) fn sent(&self) -> [Axes; 3] {
         let setpoint = &self.setpoint;
         match &self.corrected {
@@ -46,19 +45,19 @@ pub(crate) struct DriveRequest {
     pub power: PowerRequest,
     pub fault_reset: u32,
     pub datum: u64,
-    /// The index pulse that is to be latched.
+    /// The index pulse to latch.
     pub index: IndexRequest,
 }
 
 impl DriveRequest {
-    /// Follow.
+    /// The drives follow.
     pub(crate) const ON: Self = Self {
         power: PowerRequest::On,
         fault_reset: 0,
         datum: 0,
         index: IndexRequest::NONE,
     };
-    /// Without power.
+    /// The drives have no power.
     pub(crate) const OFF: Self = Self {
         power: PowerRequest::Off,
         fault_reset: 0,

@@ -40,13 +40,13 @@ use waits::Waited;
 
 pub(crate) use links::ToCarrier;
 
-/// How long the planner sleeps where too many commands lie ahead.
+/// Poll interval of the planner while too many user-defined M codes are pending.
 const CARRIER_NAP: Duration = Duration::from_millis(5);
 
-/// The same while the machine waits for an input.
+/// Poll interval of the planner while the machine waits for an input.
 const INPUT_NAP: Duration = Duration::from_micros(200);
 
-/// What the feeder knows at the end.
+/// Result of planning a program.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct FeedReport {
     /// Largest distance of blends from the programmed path.
@@ -59,14 +59,15 @@ pub(crate) struct FeedReport {
     pub user_commands: u64,
     /// Tool changes (M6 with another tool) planned.
     pub tool_changes: u64,
-    /// Lines that begin with `/`: skipped, executed.
+    /// Number of lines that begin with `/`: skipped, executed.
     pub block_delete_lines: (u64, u64),
     /// Numbers of the next block and action.
     pub next_block: u32,
     pub next_action: u32,
 }
 
-/// From here on nothing is begun: a command takes some numbers more, and setpoints bear the next one.
+/// No block or action is begun from this number on: a command uses some further numbers, and setpoints carry
+/// the next one.
 const LAST_NUMBER: u32 = u32::MAX - 67_295;
 
 /// Feeds one program.
@@ -79,30 +80,30 @@ pub(crate) struct Feeder<'a, S> {
     counts: FeedCounts,
     next_block: u32,
     actions: u32,
-    /// Line of the move before; 0 where the machine stops after it anyway.
+    /// Line of the preceding move; 0 if the machine stops after it anyway.
     last_line: u32,
-    /// Line of what was planned last of all that moves, where anyone receives blocks: that of the end.
+    /// Line of the last planned motion, if blocks are reported; the line of the end.
     end_line: u32,
     switches: SwitchState,
     switching: Switching,
     next: NextBlock,
-    /// Spindle, coolant and tool after what has been read.
+    /// Spindle, coolant and tool after the commands read so far.
     periphery: Periphery,
-    /// Tool changes are confirmed, or need no confirmation.
+    /// Tool changes are confirmed by an operator, or need no confirmation.
     confirms_tools: bool,
-    /// Where user-defined M codes are carried out.
+    /// Executables of user-defined M codes, if they are carried out.
     codes: Option<UserCodes>,
-    /// The pieces of the next pass so far.
+    /// Pieces of the next threading pass so far.
     chain: ThreadChain,
-    /// Files that the program writes, from the first one on.
+    /// Files that the program writes; created with the first one.
     logs: Option<LogFiles>,
     unlikely_feed: UnlikelyFeed,
 }
 
-/// What has been read and planned.
+/// Counts of what was read and planned.
 #[derive(Default)]
 struct FeedCounts {
-    /// Commands that have been read.
+    /// Number of commands read.
     commands: u64,
     moves: u64,
     user_commands: u64,
@@ -112,7 +113,7 @@ struct FeedCounts {
 }
 
 impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
-    /// `with_blocks`: whether anyone receives blocks.
+    /// `with_blocks`: whether blocks are reported.
     pub(crate) fn new(
         file: &Path,
         setup: &'a Setup,
@@ -153,25 +154,25 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         }
     }
 
-    /// Reports spindle, coolant and tool.
+    /// Reports spindle, coolant and tool to a listener.
     pub(crate) fn periphery_to(mut self, listener: Option<Sender<(u32, Periphery)>>) -> Self {
         self.reporter.report_periphery_to(listener);
         self
     }
 
-    /// No operator confirms tool changes: one by the operator is an error of the program.
+    /// Without an operator to confirm tool changes, a change by the operator is an error of the program.
     pub(crate) fn unattended(mut self, unattended: bool) -> Self {
         self.confirms_tools = !unattended;
         self
     }
 
-    /// Hands turning cycles on here.
+    /// Passes turning cycles on to this sender.
     pub(crate) fn turning_by(mut self, turnings: Option<ProcessSender>) -> Self {
         self.links.processes = turnings;
         self
     }
 
-    /// Hands probing moves on here.
+    /// Passes probing moves on to this sender.
     pub(crate) fn probing_by(mut self, probings: Option<ProbingSender>) -> Self {
         self.links.probings = probings;
         self
@@ -183,13 +184,13 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self
     }
 
-    /// Numbers blocks and actions from these on, so that they go on from job to job.
+    /// Numbers blocks and actions from these numbers on, so that numbers continue from job to job.
     pub(crate) fn numbered_from(mut self, block: u32, action: u32) -> Self {
         (self.next_block, self.actions) = (block, action);
         self
     }
 
-    /// Attaches subroutines under names that begin so.
+    /// Attaches subroutines under names with this prefix.
     pub(crate) fn attaching_to(mut self, folder: String) -> Self {
         self.reporter.attach_to(folder);
         self
@@ -201,27 +202,27 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self
     }
 
-    /// Begins with these switches, and follows what is switched in this job meanwhile.
+    /// Begins with these switches, and follows later changes in this job.
     pub(crate) fn switched_by(mut self, switches: SwitchState, switching: Switching, job: u32) -> Self {
         (self.switches, self.switching) = (switches, switching);
         self.reporter.report_switches_of(job);
         self
     }
 
-    /// User-defined M codes are carried out; those that cannot be are errors of the program.
+    /// Carries out user-defined M codes; one that cannot be carried out is an error of the program.
     pub(crate) fn executing(mut self, codes: UserCodes) -> Self {
         self.codes = Some(codes);
         self
     }
 
-    /// Where they are carried out.
+    /// Sets the thread that carries out user-defined M codes.
     pub(crate) fn carried_out_by(mut self, carrier: ToCarrier) -> Self {
         self.links.carrier = Some(carrier);
         self
     }
 
-    /// Plans the program to its end, or to its first error: the plan then ends at rest before it, and
-    /// `failed` is called before its end is handed on.
+    /// Plans the program to its end, or to its first error. The plan then ends at rest before the error, and
+    /// `failed` is called before the end of the plan is passed on.
     pub(crate) fn feed(
         mut self,
         program: &Path,
@@ -232,15 +233,15 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             failed();
         }
         let line = self.end_line;
-        // Before the end can come: who hears of it hears the last messages, too.
+        // Sent before the end, so that listeners receive the last messages before it.
         self.reporter.release(Moment::Block(self.next_block));
-        // A consumer that has gone needs no end.
+        // A consumer that is gone needs no end.
         let _gone = self.planner.finish(line);
         self.report_blocks(true);
         self.finish_logs();
-        // What is said of them comes after the end.
+        // Messages about these files come after the end.
         self.reporter.release(Moment::Block(self.next_block));
-        // Holds and overrides are answered as long as the program runs.
+        // Replies to holds and overrides while the program runs.
         self.planner.serve_until_closed();
         let report = FeedReport {
             deviation_mm: self.planner.deviation_mm(),
@@ -255,13 +256,13 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         (report, result)
     }
 
-    /// What a program that was read to its end leaves.
+    /// Plans the lines of a program. Returns the state that a program leaves if it was read to its end.
     fn feed_lines(&mut self, program: &Path) -> Result<Option<ProgramMemory>, ProgramError> {
         let mut commands = Commands::open(program, self.setup)?;
         if let Some(start) = commands.start() {
             let line = start.restart.line;
             let text = start.told();
-            // The operator looks at the way before the machine takes it.
+            // The operator checks the approach before the machine drives it.
             if self.act(line, &text).is_err() || self.stop(line, StopKind::Program).is_err() {
                 return Ok(None);
             }
@@ -326,7 +327,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         Ok(None)
     }
 
-    /// Feed waits for a speed that the spindle was given, and for the speed of the radius after a rapid.
+    /// Before a feed move, waits for a commanded spindle speed, and after a rapid for the surface speed at
+    /// the new radius.
     fn wait_for_spindle(&mut self, command: &Command, program: &Path) -> Result<Waited, ProgramError> {
         let is_feed = match &command.action {
             Action::Move(motion) => motion.kind == MoveKind::Feed,
@@ -343,7 +345,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             if !left[number as usize] || !self.knows_speed(number) {
                 continue;
             }
-            // A command of its own, so that the wait is for the speed of this radius.
+            // A separate command, so that the wait is for the speed at this radius.
             let action = self.periphery.outputs.spindle(number).action(number);
             match self.switch(&action, line) {
                 Ok(()) => {}
@@ -365,7 +367,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         Ok(Waited::Over)
     }
 
-    /// What the machine has against a command, whatever it stands at.
+    /// The machine's objection to a command, independent of the position.
     fn objection_to(&self, command: &Command, program: &Path) -> Option<Diagnostic> {
         if let Some((message, help)) = signal_objection(&self.setup.machine.signals, &command.action) {
             return Some(at_origin(command, program, |file, line| {
@@ -385,7 +387,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         }
     }
 
-    /// A command that the machine has not carried out.
+    /// The error of a command that the machine has not carried out.
     fn refused(&self, command: &Command, program: &Path, message: String, help: String) -> ProgramError {
         ProgramError::Text {
             file: self.file.clone(),
@@ -395,10 +397,10 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         }
     }
 
-    /// A command that the planner has refused.
+    /// The error of a command that the planner has rejected.
     fn not_planned(&self, error: &PlanError<QueueClosed>, command: &Command, program: &Path) -> ProgramError {
         self.wrong(match error {
-            // The planner is behind the line that is being read.
+            // The planner lags behind the line that is being read.
             PlanError::NoMotion { .. } => explain(error, program, command.line),
             _ => at_origin(command, program, |file, line| explain(error, file, line)),
         })
@@ -416,8 +418,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         }
     }
 
-    /// Looks how the switches stand for the next command. Once for each, so that a number says what they
-    /// counted for.
+    /// Reads the switches for the next command. Each command reads them once, so the number of a command
+    /// identifies the switches it was read with.
     fn follow_switches(&mut self, commands: &mut Commands, line: u32) {
         let state = self.switching.at(self.counts.commands, self.switches);
         if state == self.switches {
@@ -443,7 +445,7 @@ mod tests {
 
     use super::*;
 
-    /// Takes a plan and forgets it.
+    /// Discards a plan.
     struct Nowhere;
 
     impl PlanSink for Nowhere {
@@ -458,7 +460,7 @@ mod tests {
         fn commit(&mut self, _: u64) {}
     }
 
-    /// They go on from job to job of a service that runs for months.
+    /// Numbers continue from job to job of a service that runs for months.
     #[test]
     fn numbers_that_are_used_up_end_a_program_with_an_error() {
         let folder = tempfile::tempdir().unwrap();

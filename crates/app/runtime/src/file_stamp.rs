@@ -1,10 +1,10 @@
-//! Times in the names of files.
+//! Times in file names.
 
 use std::time::SystemTime;
 
 use time::OffsetDateTime;
 
-/// A time in UTC as `YYYYMMDDTHHMMSS.mmmZ`, for the name of a file: in the order of the alphabet.
+/// A time in UTC as `YYYYMMDDTHHMMSS.mmmZ`, for file names: alphabetical order is the order in time.
 #[must_use]
 pub fn file_stamp(at: SystemTime) -> String {
     let at = OffsetDateTime::from(at);

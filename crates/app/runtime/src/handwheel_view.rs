@@ -1,16 +1,16 @@
-//! What the inputs of a handwheel say in a cycle.
+//! Inputs of a handwheel in one cycle.
 
-/// What the inputs of the handwheel say; nothing where there is none.
+/// Inputs of the handwheel; empty without a handwheel.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct HandwheelView {
-    /// None while they are not known.
+    /// `None` while unknown.
     pub counts: Option<f64>,
     /// Bit i: digital input i is known to be on.
     pub digital: u64,
 }
 
 impl HandwheelView {
-    /// The wheel is not known, so it is taken as not turned.
+    /// Whether the count is unknown, in which case the wheel counts as not turned.
     pub(crate) fn is_silent(&self) -> bool {
         self.counts.is_none()
     }

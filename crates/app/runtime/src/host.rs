@@ -1,4 +1,4 @@
-//! What disturbs a real-time loop on a host, read from the kernel's and systemd's own files.
+//! Disturbances of a real-time loop on a host, read from files of the kernel and systemd.
 
 use std::collections::BTreeMap;
 use std::fs::{read_dir, read_to_string};
@@ -9,7 +9,7 @@ use std::path::Path;
 pub(crate) struct Interrupts(BTreeMap<String, Vec<u64>>);
 
 impl Interrupts {
-    /// Reads `/proc/interrupts`; empty where there is none.
+    /// Reads `/proc/interrupts`; empty if it does not exist.
     pub(crate) fn now() -> Self {
         Self::parse(&read_to_string("/proc/interrupts").unwrap_or_default())
     }
@@ -34,7 +34,7 @@ impl Interrupts {
         Self(sources)
     }
 
-    /// What came to a core since `before`, most frequent first. The loop's own timer (LOC) is left out.
+    /// Interrupts of a core since `before`, most frequent first. The loop's own timer (LOC) is excluded.
     pub(crate) fn since(&self, before: &Self, core: usize) -> Vec<(String, u64)> {
         let mut found: Vec<(String, u64)> = self
             .0
@@ -51,7 +51,7 @@ impl Interrupts {
     }
 }
 
-/// Whether a list of cores like `0-2,5` names a core.
+/// Whether a list of cores such as `0-2,5` contains a core.
 pub(crate) fn names_core(list: &str, core: usize) -> bool {
     list.split(',').any(|range| {
         let mut ends = range.splitn(2, '-').map(|end| end.trim().parse::<usize>().ok());
@@ -63,7 +63,7 @@ pub(crate) fn names_core(list: &str, core: usize) -> bool {
     })
 }
 
-/// Device interrupts that may come to a core, by number.
+/// Device interrupts that may be delivered to a core, by number.
 pub(crate) fn interrupts_allowed_on(core: usize) -> Vec<u32> {
     let mut found: Vec<u32> = read_dir("/proc/irq")
         .into_iter()
@@ -79,18 +79,18 @@ pub(crate) fn interrupts_allowed_on(core: usize) -> Vec<u32> {
     found
 }
 
-/// What logind does with the shared memory of a user who logs out.
+/// What logind does with a user's shared memory at logout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RemoveIpc {
     /// There is no logind.
     NoLogind,
-    /// It stays.
+    /// It is kept.
     Kept,
     /// It is deleted.
     Removed,
 }
 
-/// Reads logind's configuration; its built-in default is to delete.
+/// Reads logind's configuration. Its built-in default is to remove.
 pub(crate) fn remove_ipc() -> RemoveIpc {
     if !Path::new("/run/systemd/seats").exists() && !Path::new("/run/systemd/users").exists() {
         return RemoveIpc::NoLogind;
@@ -113,7 +113,7 @@ pub(crate) fn remove_ipc() -> RemoveIpc {
     removes(&texts)
 }
 
-/// The last word counts.
+/// The last setting applies.
 fn removes(texts: &[String]) -> RemoveIpc {
     let value = texts
         .iter()
@@ -130,7 +130,7 @@ fn removes(texts: &[String]) -> RemoveIpc {
     }
 }
 
-/// The governors of all cores, each once.
+/// The governors of all cores, without duplicates.
 pub(crate) fn governors() -> Vec<String> {
     let mut found: Vec<String> = read_dir("/sys/devices/system/cpu")
         .into_iter()

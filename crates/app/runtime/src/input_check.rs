@@ -1,10 +1,10 @@
-//! What the core has against a message of inputs, for whoever shows it.
+//! Why the core rejects a message of inputs, for clients that show it.
 
 use evolvent_bus::MachineInputs;
 use evolvent_drive::InputEntry;
 use evolvent_machine::{SignalKind, SignalSettings};
 
-/// Checks messages for the inputs of a machine file.
+/// A checker for the inputs of a machine file.
 pub(crate) fn input_entry(settings: &SignalSettings) -> InputEntry {
     let inputs = |kind: SignalKind| settings.inputs.iter().filter(move |input| input.kind == kind);
     let digital = inputs(SignalKind::Digital).fold(0, |bits, input| bits | 1 << input.number);
@@ -14,8 +14,8 @@ pub(crate) fn input_entry(settings: &SignalSettings) -> InputEntry {
     })
 }
 
-/// Why a core with this machine file discards a message that arrives at `now_ns` of CLOCK_MONOTONIC, if it
-/// does.
+/// The reason why a core with this machine file discards a message that arrives at `now_ns` of
+/// CLOCK_MONOTONIC, if it does.
 #[must_use]
 pub fn objection_to_inputs(
     settings: &SignalSettings,

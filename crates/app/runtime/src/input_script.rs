@@ -1,4 +1,4 @@
-//! Inputs from a file: when which input changes, for runs without a machine.
+//! Inputs from a file, with the times of their changes, for runs without a machine.
 
 use std::path::Path;
 
@@ -10,11 +10,11 @@ use serde::Deserialize;
 
 use crate::signal_loop::SignalName;
 
-/// No file of inputs is longer.
+/// Maximum size of a file of inputs.
 const MAX_BYTES: u64 = 1024 * 1024;
-/// What a file calls the probe.
+/// Name of the probe in such a file.
 const PROBE: &str = "probe";
-/// What to do about a change whose time is not known.
+/// Help for a change with an invalid time.
 const WHEN: &str = "give one of at_s, at_path_mm and at_line";
 
 #[derive(Debug, Deserialize)]
@@ -33,19 +33,19 @@ struct ChangeFile {
     on: Option<bool>,
     /// Value of an analog input.
     value: Option<f64>,
-    /// The input is not known from then on.
+    /// The input is unknown from then on.
     #[serde(default)]
     unknown: bool,
     /// Path time, s.
     at_s: Option<f64>,
     /// Path travelled, mm.
     at_path_mm: Option<f64>,
-    /// Line of the program that is reached.
+    /// Program line that is reached.
     at_line: Option<u32>,
 }
 
 impl ChangeFile {
-    /// When it takes place; none for from the start.
+    /// When the change takes place; `None` for the start.
     fn when(&self) -> Result<Option<When>, String> {
         match (self.at_s, self.at_path_mm, self.at_line) {
             (None, None, None) => Ok(None),
@@ -75,7 +75,8 @@ struct ScriptedChange {
     done: bool,
 }
 
-/// Inputs over the run. Without a file no input is known, but for the emergency-stop chain, which is closed.
+/// Inputs over the course of a run. Without a file all inputs are unknown except the emergency-stop chain,
+/// which is closed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct InputScript {
     begin: InputImage,
@@ -84,19 +85,20 @@ pub struct InputScript {
     has_begun: bool,
 }
 
-/// What is wrong with a file of inputs.
+/// An error in a file of inputs.
 #[derive(Debug, thiserror::Error)]
 pub enum InputScriptError {
-    /// It gives no text.
+    /// The file cannot be read.
     #[error(transparent)]
     File(#[from] TextFileError),
-    /// A key or value.
+    /// A key or value is invalid.
     #[error(transparent)]
     Document(#[from] ConfigError),
 }
 
 impl InputScript {
-    /// No input is known, the emergency-stop chain is closed, and spindles follow their commands at once.
+    /// All inputs are unknown, the emergency-stop chain is closed, and spindles follow their commands at
+    /// once.
     #[must_use]
     pub fn without_file(settings: &SignalSettings) -> Self {
         let mut begin = InputImage::default();
@@ -106,7 +108,7 @@ impl InputScript {
         }
         for spindle in &settings.spindles {
             begin.set_spindle(spindle.number, Some(SpindleState::OBEDIENT));
-            // What tells of the speed is on as long as the file does not say otherwise.
+            // An at-speed input is on until the file changes it.
             if let AtSpeed::Input(number) = spindle.at_speed {
                 begin.set(SignalKind::Digital, number, Some(1.0));
             }
@@ -120,18 +122,18 @@ impl InputScript {
         }
     }
 
-    /// Reads a file of `[[change]]`: `input` (its name), `on`, `value` or `unknown = true`, and `at_s`,
-    /// `at_path_mm` or `at_line`; without one of these it is so from the start. Changes of one setpoint are
-    /// made in the order of the file.
+    /// Reads a file of `[[change]]` tables: `input` (its name), `on`, `value` or `unknown = true`, and
+    /// `at_s`, `at_path_mm` or `at_line`; without one of these the change applies from the start. Changes
+    /// with the same setpoint apply in the order of the file.
     ///
     /// # Errors
-    /// File, line, column and key of what is wrong.
+    /// File, line, column and key of the error.
     pub fn load(path: &Path, settings: &SignalSettings) -> Result<Self, InputScriptError> {
         let (text, file) = read_text(path, MAX_BYTES, "file of inputs")?;
         Self::parse(&text, &file, settings)
     }
 
-    /// The same of a text.
+    /// Like [`InputScript::load`], from a text.
     ///
     /// # Errors
     /// As [`InputScript::load`].
@@ -211,8 +213,8 @@ impl InputScript {
         Ok(script)
     }
 
-    /// The next change that has come at a setpoint, as all inputs after it; none if there is no more.
-    /// Allocates nothing.
+    /// Returns the image of all inputs after the next change that is due at a setpoint; `None` if no more is
+    /// due. Allocates nothing.
     pub(crate) fn next(
         &mut self,
         sequence: u64,
@@ -233,7 +235,7 @@ impl InputScript {
         Some(image)
     }
 
-    /// The next change that is due at this time (s), path (mm) and line.
+    /// Returns the inputs after the next change that is due at this time (s), path (mm) and line.
     pub fn step(&mut self, seconds: f64, place: Option<(f64, u32)>) -> Option<InputImage> {
         if !self.has_begun {
             (self.has_begun, self.now) = (true, self.begin);

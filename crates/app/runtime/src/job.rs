@@ -1,4 +1,4 @@
-//! What a run is asked to do.
+//! Settings of a run.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use crate::rt::RealtimeRequest;
 pub enum Clock {
     /// Absolute deadlines of `CLOCK_MONOTONIC`.
     Realtime,
-    /// As fast as it computes: the same code, the same bits.
+    /// As fast as the host computes: the same code, the same bits.
     Virtual,
 }
 
@@ -38,7 +38,7 @@ impl Clock {
     }
 }
 
-/// A machine at a control rate: what every room needs to know of it.
+/// A machine at a control rate, with everything that programs on it depend on.
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The machine.
@@ -49,35 +49,35 @@ pub struct Setup {
     pub machine_text: String,
     /// The control period.
     pub period_ns: u64,
-    /// What programs find.
+    /// Tools, parameters and subroutines that programs use.
     pub memory: ProgramMemory,
-    /// The line at which programs begin, where it is not the first.
+    /// The line at which programs begin, if not the first.
     pub start_line: Option<u32>,
-    /// Where the machine stands, machine coordinates; at home where this is none.
+    /// Position of the machine in machine coordinates; home if `None`.
     pub place: Option<Axes>,
-    /// Axes that are not homed: their position there means nothing. A program is only checked then, and does
-    /// not start.
+    /// Axes that are not homed, whose position above is meaningless. A program can then only be checked, not
+    /// started.
     pub unhomed: AxisMask,
     /// The tool in the spindle; 0 for none.
     pub tool: u32,
-    /// Tool that T has selected for the next M6, by MDI or in a program before.
+    /// Tool that T has selected for the next M6, by MDI or in an earlier program.
     pub selected_tool: Option<u32>,
-    /// Where programs write their files; none where they write nothing.
+    /// Folder for the files that programs write; `None` if they write none.
     pub log_folder: Option<PathBuf>,
-    /// Why no tool can be changed: one before was broken off, and the tool in the spindle has not been named.
+    /// Why no tool can be changed: an earlier change was interrupted, and the tool in the spindle was not
+    /// declared.
     pub tool_unknown: Option<String>,
-    /// Spindle and coolant as they stand.
+    /// Present state of spindle and coolant.
     pub outputs: gcode::Outputs,
-    /// The program is a block of MDI, which leaves spindle and coolant as they are at its end.
+    /// The program is a block of MDI, which leaves spindle and coolant unchanged at its end.
     pub is_mdi: bool,
-    /// What the block of MDI begins with.
+    /// The state with which a block of MDI begins.
     pub restored: gcode::Restored,
-    /// Whether lines that begin with `/` are left out.
+    /// Whether lines that begin with `/` are skipped.
     pub block_delete: bool,
-    /// Share of the axes' speed that rapids may use, 0 to 1.
+    /// Fraction of the axes' speed that rapids may use, 0 to 1.
     pub rapid_override: f64,
-    /// Tool, force law, load and feeds of turning cycles that find their passes; none where no file tells
-    /// them.
+    /// Tool, force law, load and feeds of load-adaptive turning cycles; `None` without a process file.
     pub process: Option<Arc<TurningJob>>,
 }
 
@@ -92,10 +92,10 @@ impl Setup {
         }
     }
 
-    /// The machine at a rate, or at the rate of its file.
+    /// Combines a machine with a rate, or with the rate in its file.
     ///
     /// # Errors
-    /// The rate is outside what a loop can run.
+    /// The rate is outside the range of the loop.
     pub fn new(
         machine: Machine,
         machine_file: PathBuf,
@@ -125,8 +125,8 @@ impl Setup {
         })
     }
 
-    /// Warns of folders of subroutines in the machine file that do not exist. That is no error: the disk may
-    /// be mounted later.
+    /// Warnings for subroutine folders in the machine file that do not exist. This is no error, because a
+    /// disk may be mounted later.
     #[must_use]
     pub fn missing_folders(&self) -> Vec<Warning> {
         let beside = self.machine_file.parent().unwrap_or(Path::new(""));
@@ -153,7 +153,8 @@ impl Setup {
             .collect()
     }
 
-    /// Programs write their files where the machine file says, else in `logs` of the state folder.
+    /// Sets the folder for files that programs write: that of the machine file, or else `logs` in the state
+    /// folder.
     #[must_use]
     pub fn logging(mut self, state_folder: &Path) -> Self {
         let beside = self.machine_file.parent().unwrap_or(Path::new(""));
@@ -164,7 +165,7 @@ impl Setup {
         self
     }
 
-    /// Where programs begin.
+    /// Position at which programs begin.
     #[must_use]
     pub fn start(&self) -> Axes {
         self.place.unwrap_or(self.machine.limits().home)
@@ -183,7 +184,7 @@ impl Setup {
         PathLimits::new(self.machine.limits(), self.rate_hz(), chord_error_mm)
     }
 
-    /// Rules of following the path, to be planned for this feed override at first.
+    /// Rules for following the path, initially planned for this feed override.
     #[must_use]
     pub fn path_rules(&self, feed_override: f64) -> PathRules {
         PathRules {
@@ -194,7 +195,7 @@ impl Setup {
         }
     }
 
-    /// The same for a program in a file: subroutines are looked for beside it.
+    /// Like [`Setup::interpreter_settings`] for a program in a file: its folder is searched for subroutines.
     #[must_use]
     pub fn interpreter_settings_for(&self, program: &Path) -> gcode::Settings {
         let folder = program.parent().map(Path::to_path_buf);
@@ -240,7 +241,7 @@ impl Setup {
         }
     }
 
-    /// The spindles that a program can name: those of the machine file, or spindle 0 of a file without any.
+    /// The spindles that a program can use: those of the machine file, or spindle 0 if it has none.
     fn spindles(&self) -> [bool; gcode::SPINDLES] {
         let signals = &self.machine.signals;
         std::array::from_fn(|number| match signals.spindles.is_empty() {
@@ -249,7 +250,7 @@ impl Setup {
         })
     }
 
-    /// What the interpreter needs to know before the first line.
+    /// Everything that the interpreter needs before the first line.
     #[must_use]
     pub fn interpreter_settings(&self) -> gcode::Settings {
         let limits = self.machine.limits();
@@ -288,7 +289,7 @@ impl Setup {
             },
             arc: gcode::ArcTolerance {
                 metric_mm: path.arc_radius_tolerance_mm,
-                // An inch program is rounded to a thousandth of an inch rather than a hundredth of a
+                // An inch program is rounded to a thousandth of an inch instead of a hundredth of a
                 // millimetre.
                 inch_mm: 2.54 * path.arc_radius_tolerance_mm,
                 relative: path.arc_radius_tolerance_ratio,
@@ -309,31 +310,31 @@ impl Setup {
 pub struct Job {
     /// The program's file.
     pub program: PathBuf,
-    /// The machine at its rate.
+    /// The machine with its rate.
     pub setup: Setup,
-    /// Which clock.
+    /// The clock that drives the cycle.
     pub clock: Clock,
-    /// Feed override at the start, 1 at 100 %.
+    /// Feed override at the start; 1 is 100 %.
     pub feed_override: f64,
-    /// Where to write the trace; none for no trace.
+    /// File for the trace; `None` for no trace.
     pub trace: Option<PathBuf>,
-    /// Whether setpoints go out on the bus.
+    /// Whether setpoints are published on the bus.
     pub bus: bool,
-    /// iceoryx2's prefix; none for iceoryx2's own.
+    /// Prefix of iceoryx2; `None` for iceoryx2's default.
     pub bus_prefix: Option<String>,
-    /// How many setpoint subscribers to wait for before the start, 10 s at most.
+    /// Number of setpoint subscribers to wait for before the start, for at most 10 s.
     pub wait_for_subscribers: usize,
-    /// Inputs over the run where time is not real; none known but for a closed emergency-stop chain where
-    /// this is none.
+    /// Inputs over the course of a run with the virtual clock; if `None`, all are unknown except a closed
+    /// emergency-stop chain.
     pub inputs: Option<InputScript>,
     /// Stop at M1.
     pub optional_stop: bool,
-    /// Wait at M0, M1 and M60 until told to go on; otherwise go on at once.
+    /// Wait at M0, M1 and M60 until resumed; otherwise continue at once.
     pub stop_at_program_stops: bool,
 }
 
 impl Job {
-    /// As fast as it computes, without a trace, a bus or a stop, at 100 %.
+    /// A job with the virtual clock, without trace, bus or stops, at 100 %.
     #[must_use]
     pub fn new(program: PathBuf, setup: Setup) -> Self {
         Self {
@@ -351,7 +352,7 @@ impl Job {
         }
     }
 
-    /// Whether it runs against the clock, and not as fast as it computes.
+    /// Whether the clock is real.
     pub(crate) fn is_realtime(&self) -> bool {
         self.clock == Clock::Realtime
     }

@@ -1,7 +1,7 @@
-//! What a job of a served machine begins with, as one line of a trace.
+//! The start of a served machine's job, as one line of a trace.
 //!
-//! Together with the attachments that it names, and with what came in at each cycle, a line is all that is
-//! needed to compute the job's setpoints again. Numbers are written so that they read back to the same bits.
+//! This line, the attachments that it names, and the recorded inputs of each cycle are sufficient to
+//! recompute the job's setpoints. Numbers are written so that they read back to the same bits.
 
 use std::fmt;
 
@@ -17,55 +17,56 @@ use crate::switches::{SwitchState, pairs};
 pub struct ProgramStart {
     /// Whether it is a block of MDI.
     pub is_mdi: bool,
-    /// What the block of MDI begins with; nothing in traces of versions that forgot the spindle.
+    /// The state with which a block of MDI begins; empty in traces of versions that did not keep the spindle.
     pub restored: Restored,
     /// Name of the attachment with the text.
     pub program: String,
-    /// Name of the attachment with the tool table, if there is one.
+    /// Name of the attachment with the tool table, if any.
     pub tools: Option<String>,
-    /// Name of the attachment with the kept parameters, if there are any.
+    /// Name of the attachment with the kept parameters, if any.
     pub parameters: Option<String>,
-    /// Names of the attachments with files of subroutines begin with this.
+    /// Prefix of the names of attached subroutine files.
     pub subroutines: String,
-    /// Where the machine stood, machine coordinates.
+    /// Position of the machine, machine coordinates.
     pub place: Axes,
     /// The tool in the spindle.
     pub tool: u32,
-    /// The tool that was selected for the next M6; none in traces of versions that forgot it.
+    /// The tool selected for the next M6; `None` in traces of versions that did not keep it.
     pub selected_tool: Option<u32>,
-    /// Spindle and coolant as they stood; none in traces of versions that began with all off.
+    /// Spindle and coolant at the start; `None` in traces of versions that began with all off.
     pub outputs: Option<Outputs>,
-    /// The line it began at; 0 for the first.
+    /// The line at which it began; 0 for the first.
     pub start_line: u32,
-    /// How the switches stood as its first line was read.
+    /// The switches when its first line was read.
     pub switches: SwitchState,
-    /// The override that was planned for.
+    /// The feed override that it was planned for.
     pub feed_override: f64,
     /// Numbers of its first block and action.
     pub numbered_from: (u32, u32),
 }
 
-/// A jog, a turn of one, or a move of homing.
+/// A jog, a change of one, or a move of homing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SteeredStart {
-    /// Whether it takes over from a motion that is under way.
+    /// Whether it replaces a motion in progress.
     pub is_turn: bool,
-    /// Velocity and travel that it was solved for; acceleration and jerk are the machine's.
+    /// Limits of velocity and travel with which it was solved; those of acceleration and jerk are the
+    /// machine's.
     pub velocity: Axes,
-    /// Lowest positions.
+    /// Lower limits of travel.
     pub travel_min: Axes,
-    /// Highest positions.
+    /// Upper limits of travel.
     pub travel_max: Axes,
-    /// Where it begins.
+    /// State of the axes at its start.
     pub from: AxesState,
-    /// Where it stops.
+    /// Positions at its end.
     pub to: Axes,
-    /// Each axis moves on its own, slows down to this speed at once, and keeps it. Without, all axes arrive
-    /// at the same time.
+    /// If given, each axis moves independently, slows down to this speed at once, and keeps it. Otherwise all
+    /// axes arrive at the same time.
     pub cruise: Option<Axes>,
 }
 
-/// What moves the axes from here on.
+/// The source of motion from here on.
 #[derive(Clone, Debug, PartialEq)]
 pub enum JobStart {
     /// A plan.
@@ -80,7 +81,7 @@ pub enum JobStart {
 }
 
 impl SteeredStart {
-    /// The limits it was solved for, on a machine with these.
+    /// The limits with which it was solved, on a machine with these limits.
     #[must_use]
     pub fn limits(&self, machine: &Limits) -> Limits {
         Limits {
@@ -91,10 +92,10 @@ impl SteeredStart {
         }
     }
 
-    /// The motion, on a machine with these limits.
+    /// Solves the motion, on a machine with these limits.
     ///
     /// # Errors
-    /// There is none within the limits.
+    /// There is no motion within the limits.
     pub fn solve(&self, machine: &Limits) -> Result<Transfer, TransferError> {
         let limits = self.limits(machine);
         match &self.cruise {
@@ -172,7 +173,7 @@ impl fmt::Display for JobStart {
     }
 }
 
-/// The nine axes; zeros at the end are left out.
+/// The nine axes without trailing zeros.
 fn list(axes: &Axes) -> String {
     let zero = |value: &f64| value.to_bits() == 0;
     let last = axes
@@ -198,7 +199,7 @@ fn axes(text: &str) -> Option<Axes> {
 }
 
 impl JobStart {
-    /// Reads the line back. `None` if it makes no sense to this version.
+    /// Reads the line back; `None` if this version does not understand it.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let (what, rest) = text.split_once(": ")?;
@@ -265,7 +266,7 @@ impl JobStart {
     }
 }
 
-/// A name that fits into a line: what separates its parts is taken out.
+/// A name that fits into a line, without characters that separate parts.
 pub(crate) fn plain_name(name: &str) -> String {
     name.chars()
         .map(|letter| match letter {
@@ -276,7 +277,7 @@ pub(crate) fn plain_name(name: &str) -> String {
         .collect()
 }
 
-/// What follows the keys of a spindle: nothing of spindle 0.
+/// Suffix of the keys of a spindle; empty for spindle 0.
 fn suffix(number: usize) -> String {
     match number {
         0 => String::new(),
@@ -401,7 +402,7 @@ mod tests {
         for start in [program, steered, JobStart::Retrace { back: 12 }] {
             let text = start.to_string();
             let again = JobStart::parse(&text).expect("a line of this version");
-            // Not equal but the same: -0 and 0 are two.
+            // Compares the representation, since -0 and 0 are equal but not the same.
             assert_eq!(format!("{again:?}"), format!("{start:?}"), "{text}");
         }
     }

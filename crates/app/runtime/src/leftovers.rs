@@ -1,16 +1,16 @@
-//! Traces that killed runs have left.
+//! Traces left by killed runs.
 
 use std::path::Path;
 
 use evolvent_trace::recover_leftovers;
 
-/// Makes complete traces of what killed runs have left in the folder of `trace`; says what became of each.
+/// Completes the traces that killed runs have left in the folder of `trace`. Returns a message for each.
 pub(crate) fn rescue_leftovers(trace: &Path) -> Vec<String> {
     let folder = trace
         .parent()
         .filter(|folder| !folder.as_os_str().is_empty())
         .unwrap_or(Path::new("."));
-    // A folder that cannot be read is told by the recorder, if it matters.
+    // If the folder cannot be read, the recorder reports it when it matters.
     let leftovers = recover_leftovers(folder).unwrap_or_default();
     leftovers
         .into_iter()

@@ -1,18 +1,22 @@
 //! Threads and clocks: the real-time loop, planner feeding, publisher, recorder.
 //!
-//! [`run`] starts four threads over wait-free queues and joins them (and one that follows stops for the
-//! status):
+//! [`run`] connects its threads by wait-free queues and joins them at the end:
 //!
 //! ```text
 //!   planner ──► cycle ──► publisher (owns the ports of the bus)
 //!   normal      FIFO  └─► recorder  (owns the trace file)
 //! ```
 //!
-//! The cycle owns nothing that can block it. [`Controls`] carries hold, override and stop to it, one atomic
-//! each, sampled once a cycle. In real time what finds no room in a queue is dropped and counted; with the
-//! virtual clock the cycle waits, because its time is not real.
+//! Publisher and recorder exist only with a bus and a trace. In real time there are two more: `carrier`,
+//! which carries out user-defined M codes, and `stops`, which computes the longest stop for the status (with
+//! the bus and the time-optimal planner). A program that writes files adds the thread `log`. [`serve`] has
+//! further threads; the architecture page of the documentation lists them.
 //!
-//! [`examine`] says what the host can do.
+//! The cycle owns nothing that can block it. [`Controls`] passes hold, override and stop to it, each as an
+//! atomic that is read once per cycle. In real time an item that does not fit into a queue is dropped and
+//! counted. With the virtual clock the cycle waits, because its time is not real.
+//!
+//! [`examine`] assesses the host for real-time use.
 
 mod check;
 mod check_bounds;

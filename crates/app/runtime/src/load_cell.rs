@@ -1,19 +1,19 @@
-//! The newest cutting load, from whoever hears it to the cycle.
+//! The newest cutting load, from the receiving thread to the cycle.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use evolvent_turning::LoadSample;
 
-/// One reading, replaced by the next; nothing waits.
+/// One reading, replaced by the next; no access waits.
 #[derive(Debug, Default)]
 pub(crate) struct LoadCell {
-    /// Its bits as f32 above, how many came below.
+    /// The value as f32 in the upper half, the number of readings in the lower half.
     reading: AtomicU64,
     range: AtomicU64,
 }
 
 impl LoadCell {
-    /// A reading has come, with the highest value that its sensor can show. From one thread only.
+    /// Stores a reading and the highest value that its sensor can report. From one thread only.
     pub(crate) fn observe(&self, value: f64, range_max: f64) {
         let count = (self.reading.load(Ordering::Relaxed) as u32)
             .wrapping_add(1)
@@ -23,7 +23,7 @@ impl LoadCell {
         self.reading.store(bits, Ordering::Release);
     }
 
-    /// The newest, none before the first. Real-time safe.
+    /// The newest reading; `None` before the first. Real-time safe.
     pub(crate) fn newest(&self) -> Option<LoadSample> {
         let bits = self.reading.load(Ordering::Acquire);
         let range = f64::from_bits(self.range.load(Ordering::Relaxed));

@@ -1,8 +1,8 @@
-//! Files that programs write: `(LOGOPEN,..)`, `(LOG,..)`, `(PROBEOPEN ..)`.
+//! Files written by programs: `(LOGOPEN,..)`, `(LOG,..)`, `(PROBEOPEN ..)`.
 //!
-//! A thread of its own writes, so that no planner waits for a disk. A file is written aside and takes its
-//! name when it is closed, or when the program is over: whoever reads it finds whole lines, and never one
-//! that is being written.
+//! A separate thread writes them, so no planner waits for a disk. A file is written under a temporary name
+//! and renamed when it is closed or the program is over: readers find whole lines and never an incomplete
+//! file.
 
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write as _};
@@ -17,22 +17,22 @@ use evolvent_gcode::LogAction;
 
 use crate::rt::take_turns;
 
-/// Longest file, bytes: an hour of probing at ten points a second is 3 MB.
+/// Maximum size of a file, bytes: an hour of probing at ten points per second is 3 MB.
 pub(crate) const MAX_BYTES: u64 = 16 << 20;
 
-/// Longest name, bytes.
+/// Maximum length of a name, bytes.
 const MAX_NAME: usize = 100;
 
-/// Lines that may wait for the disk.
+/// Maximum number of lines that wait for the disk.
 const MAX_WAITING: usize = 4096;
 
-/// How long the disk may take.
+/// Time limit for the disk.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Time between two looks at whether it has.
+/// Poll interval for the disk.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
 
-/// Why a program may not write this file: message and help.
+/// The reason why a program may not write this file: message and help.
 pub(crate) fn log_objection(action: &LogAction) -> Option<(String, String)> {
     let (LogAction::Open(name) | LogAction::Append(name) | LogAction::OpenProbes(name)) = action else {
         return None;
@@ -52,7 +52,7 @@ pub(crate) fn log_objection(action: &LogAction) -> Option<(String, String)> {
     })
 }
 
-/// The two files that a program may have open at a time.
+/// The two files that a program may have open at the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LogKind {
     /// LOG.
@@ -71,7 +71,7 @@ enum Order {
     Close(LogKind),
 }
 
-/// The way to the thread that writes.
+/// The channel to the writing thread.
 #[derive(Debug)]
 pub(crate) struct LogFiles {
     orders: Option<SyncSender<Order>>,
@@ -81,7 +81,7 @@ pub(crate) struct LogFiles {
 }
 
 impl LogFiles {
-    /// Files in this folder, which is made if need be.
+    /// Writes files in this folder, which is created if necessary.
     pub(crate) fn new(folder: PathBuf) -> Self {
         let (sender, orders) = mpsc::sync_channel(MAX_WAITING);
         let failure = Arc::new(Mutex::new(None));
@@ -90,7 +90,7 @@ impl LogFiles {
             take_turns();
             Writer::new(folder, told).run(&orders);
         });
-        // Without its thread every order fails, and says so.
+        // Without its thread every order returns an error.
         let thread = thread.ok();
         Self {
             orders: thread.is_some().then_some(sender),
@@ -105,7 +105,7 @@ impl LogFiles {
         self.is_open[kind as usize]
     }
 
-    /// Carries out what a comment says; what went wrong here or with an order before.
+    /// Carries out a comment. Returns the error of this or an earlier order, if any.
     pub(crate) fn act(&mut self, action: &LogAction) -> Result<(), String> {
         let (lines, probes) = (LogKind::Lines, LogKind::Probes);
         match action {
@@ -124,7 +124,7 @@ impl LogFiles {
         self.order(Order::Open { kind, name, appends })
     }
 
-    /// Writes a line where a file is open.
+    /// Writes a line if a file is open.
     pub(crate) fn line(&mut self, kind: LogKind, text: String) -> Result<(), String> {
         if self.is_open(kind) {
             self.order(Order::Line(kind, text))
@@ -168,7 +168,7 @@ impl LogFiles {
         Err("no thread to write log files with".to_owned())
     }
 
-    /// Closes what is open and waits for the disk; what went wrong.
+    /// Closes open files and waits for the disk. Returns the first error, if any.
     pub(crate) fn finish(mut self) -> Result<(), String> {
         self.orders = None;
         let begun = Instant::now();
@@ -188,7 +188,7 @@ impl LogFiles {
     }
 }
 
-/// A file that is being written aside.
+/// A file being written under a temporary name.
 struct Open {
     name: String,
     part: PathBuf,
@@ -229,7 +229,7 @@ impl Writer {
         }
     }
 
-    /// The first failure is the one that is reported.
+    /// Only the first failure is reported.
     fn note(&self, done: Result<(), String>) {
         if let Err(text) = done {
             let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
@@ -272,14 +272,14 @@ impl Writer {
         let target = self.folder.join(&open.name);
         open.bytes += text.len() as u64 + 1;
         if open.bytes > MAX_BYTES {
-            // What fits is kept.
+            // The part that fits is kept.
             let text = too_long(&target);
             return self.close(kind).and(Err(text));
         }
         writeln!(open.file, "{text}").map_err(|error| format!("log file {}: {error}", target.display()))
     }
 
-    /// Gives a file its name; there is either all of it or what was there before.
+    /// Renames a file to its final name: readers see the complete file or the previous one.
     fn close(&mut self, kind: LogKind) -> Result<(), String> {
         let Some(Open { name, part, file, .. }) = self.open[kind as usize].take() else {
             return Ok(());
@@ -291,7 +291,7 @@ impl Writer {
             .and_then(|file| file.sync_all())
             .and_then(|()| std::fs::rename(&part, &target));
         written.map_err(|error| {
-            // Nothing to add if this fails too: the first error says why.
+            // A failure here adds nothing: the first error gives the reason.
             let _ = std::fs::remove_file(&part);
             format!("log file {}: {error}", target.display())
         })
@@ -340,7 +340,7 @@ mod tests {
         assert_eq!(std::fs::read_to_string(at.join("a.txt")).unwrap(), "one\n");
         assert!(!at.join("b.txt").exists() && !at.join("p.txt").exists());
         logs.act(&LogAction::Close).unwrap();
-        // Closing one leaves the other.
+        // Closing one file leaves the other open.
         logs.line(LogKind::Probes, "4 5 6".to_owned()).unwrap();
         logs.act(&line("nowhere")).unwrap();
         logs.finish().unwrap();
@@ -387,7 +387,7 @@ mod tests {
         logs.act(&open("a.txt")).unwrap();
         let told = logs.finish().unwrap_err();
         assert!(told.contains("a.txt"), "{told}");
-        // A folder in the place of the file, too; nothing is left beside it.
+        // A folder with the name of the file is an error too, and leaves no temporary file.
         std::fs::create_dir(folder.path().join("b.txt")).unwrap();
         let mut logs = LogFiles::new(folder.path().to_path_buf());
         logs.act(&open("b.txt")).unwrap();

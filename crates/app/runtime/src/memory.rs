@@ -1,34 +1,34 @@
-//! What programs find and leave: tools, kept parameters, subroutines.
+//! State that programs use and leave: tools, kept parameters, subroutines.
 
 use std::path::{Path, PathBuf};
 
 use evolvent_gcode::{KeptParameters, StoreError, ToolTable};
 use evolvent_machine::Machine;
 
-/// What a program finds on the machine, and what it leaves there, with the files behind it.
+/// The state that a program uses and leaves on a machine, with its files.
 ///
-/// Nothing is written by itself: whoever runs programs calls [`ProgramMemory::save`] when they have ended.
+/// Nothing is written automatically: call [`ProgramMemory::save`] when a program has ended.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ProgramMemory {
-    /// The tools; `None` where there is no table.
+    /// The tools; `None` without a table.
     pub tools: Option<ToolTable>,
-    /// Where the tool table is kept.
+    /// The file of the tool table.
     pub tools_file: Option<PathBuf>,
-    /// Offsets and other parameters; `None` where nothing is kept.
+    /// Offsets and other parameters; `None` if none are kept.
     pub kept: Option<KeptParameters>,
-    /// Where they are kept.
+    /// The file of the parameters.
     pub kept_file: Option<PathBuf>,
-    /// Lines that set the parameters of the last program again that are not kept; nothing before it.
+    /// Lines that restore the parameters of the last program that are not kept; empty before the first.
     pub volatile: String,
-    /// Folders of subroutines, after the program's own.
+    /// Folders that are searched for subroutines after the program's own.
     pub folders: Vec<PathBuf>,
 }
 
 impl ProgramMemory {
-    /// What the machine file names; its paths are relative to its own folder.
+    /// Reads the files that the machine file names; relative paths start at its folder.
     ///
     /// # Errors
-    /// A file that cannot be read or is none.
+    /// A file cannot be read or is invalid.
     pub fn of_machine(machine: &Machine, machine_file: &Path) -> Result<Self, StoreError> {
         let folder = machine_file.parent().unwrap_or(Path::new(""));
         let program = &machine.program;
@@ -45,27 +45,27 @@ impl ProgramMemory {
         Ok(memory)
     }
 
-    /// Takes the tools of a file.
+    /// Reads the tools from a file.
     ///
     /// # Errors
-    /// The file cannot be read or is none.
+    /// The file cannot be read or is invalid.
     pub fn load_tools(&mut self, file: PathBuf) -> Result<(), StoreError> {
         self.tools = Some(ToolTable::load(&file)?);
         self.tools_file = Some(file);
         Ok(())
     }
 
-    /// Takes the parameters of a file; it need not exist yet.
+    /// Reads the parameters from a file, which need not exist yet.
     ///
     /// # Errors
-    /// The file cannot be read or is none.
+    /// The file cannot be read or is invalid.
     pub fn load_parameters(&mut self, file: PathBuf) -> Result<(), StoreError> {
         self.kept = Some(KeptParameters::load(&file)?);
         self.kept_file = Some(file);
         Ok(())
     }
 
-    /// Writes what differs from `before`, each file whole or not at all; says which.
+    /// Writes what differs from `before`; each file is replaced as a whole. Returns the files written.
     ///
     /// # Errors
     /// The first file that cannot be written.

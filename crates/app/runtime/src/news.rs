@@ -1,4 +1,4 @@
-//! What the feeder tells: blocks, notices, modes and stops, for recorder, screen and operator.
+//! Events of the feeder: blocks, notices, modes and stops, for recorder, screen and operator.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -24,14 +24,15 @@ pub(crate) struct BlockPlan {
 /// When a notice takes effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Moment {
-    /// At rest: when more actions than this have been counted.
+    /// At rest, once more actions than this have taken effect.
     Rest(u32),
-    /// In passing: with the first setpoint of this block or a later one.
+    /// With the first setpoint of this block or a later one.
     Block(u32),
 }
 
 impl Moment {
-    /// Whether it has come, given the actions and blocks begun, and whether the plan has ended.
+    /// Whether the moment has come, given the number of actions and blocks begun, and whether the plan has
+    /// ended.
     pub(crate) fn has_come(self, actions: u32, blocks: u32, ended: bool) -> bool {
         match self {
             Self::Rest(action) => action < actions,
@@ -40,7 +41,7 @@ impl Moment {
     }
 }
 
-/// Something that takes effect between moves.
+/// A message or action that takes effect between moves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
     pub(crate) moment: Moment,
@@ -48,16 +49,15 @@ pub struct Notice {
     pub line: u32,
     /// `true` for a message of the program to its operator.
     pub is_message: bool,
-    /// What it is.
+    /// Its text.
     pub text: String,
 }
 
-/// Notices after the first that are looked at: what is announced between two actions at most.
+/// Number of notices after the first that are examined: the maximum between two actions.
 const NOTICES_AHEAD: usize = 16;
 
-/// How many notices from the front have come. They are in the order of the program: where a later one has
-/// come, so have those before it, although the block that they wait for begins only after a stop (T and M6 on
-/// one line).
+/// Number of notices, from the front, that are due. They are in the order of the program: if a later one is
+/// due, so are those before it, even if their block begins only after a stop (T and M6 on one line).
 pub(crate) fn notices_due(notices: &VecDeque<Notice>, actions: u32, blocks: u32, ended: bool) -> usize {
     let has_come = |notice: &Notice| notice.moment.has_come(actions, blocks, ended);
     let looked_at = notices.len().min(NOTICES_AHEAD);
@@ -67,34 +67,34 @@ pub(crate) fn notices_due(notices: &VecDeque<Notice>, actions: u32, blocks: u32,
         .map_or(0, |last| last + 1)
 }
 
-/// What the feeder tells the recorder and the person at the screen.
+/// Events of the feeder, for the recorder and the operator's screen.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum FeederEvent {
     Block(BlockPlan),
     Notice(Notice),
-    /// A block was handed to the planner. Only for those who asked for it.
+    /// A block was passed to the planner. Sent on request only.
     Queued(QueuedBlock),
-    /// From this block on these modes are in force. Only for those who asked for it.
+    /// These modes are in force from this block on. Sent on request only.
     Modal(u32, Modal),
-    /// What the machine's periphery is after the action of this number. Only for those who asked for it.
+    /// State of the periphery after the action of this number. Sent on request only.
     Periphery(u32, Periphery),
-    /// A program stop in the plan, by the number of the action before it; only for those who asked for it.
+    /// A program stop in the plan, by the number of the action before it. Sent on request only.
     Stop(u32, StopKind),
-    /// From this block on blocks are of this text.
+    /// Blocks from this one on belong to this text.
     File(u32, ProgramText),
     /// A text to attach to the trace.
     Attach(String, Vec<u8>),
     /// A file to attach to the trace.
     AttachFile(String, Arc<ProgramCopy>),
-    /// Something that is to be recorded at its setpoint.
+    /// An event to be recorded at its setpoint.
     ExternalEvent(ExternalEvent),
-    /// The trace goes on in a new file after this setpoint; what follows belongs to that file.
+    /// The trace continues in a new file after this setpoint; later events belong to that file.
     NextFile(u64),
-    /// The planner of the job of this number reads on with other switches.
+    /// The planner of the job of this number continues with other switches.
     Switched(u32, Switched),
 }
 
-/// A command or an alarm, and the setpoint with which it took effect.
+/// A command or an alarm, with the setpoint from which it is in effect.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ExternalEvent {
     pub sequence: u64,
@@ -105,13 +105,13 @@ pub(crate) struct ExternalEvent {
     pub value: Option<f64>,
 }
 
-/// What came from outside, or happened to the machine as a whole.
+/// Origin of an event from outside, or of one of the whole machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ExternalEventKind {
     Command,
     Alarm,
     Warning,
-    /// Something that a user-defined M code has written.
+    /// Output of a user-defined M code.
     Output,
     /// A job begins.
     Job,
@@ -120,31 +120,32 @@ pub(crate) enum ExternalEventKind {
 /// Why the program stops and waits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum StopKind {
-    /// M0, M1, M60, or the look at the way to a line in the middle.
+    /// M0, M1, M60, or the check of the approach to a line in the middle.
     Program,
     /// The operator changes to this tool; 0 empties the spindle.
     ToolChange(u32),
     /// A block has ended in single step.
     Step,
-    /// An input is waited for: it goes on by itself.
+    /// A wait for an input, after which the program continues by itself.
     Input,
-    /// One of M100 to M199, or M6 of an automatic changer: it goes on when its program has ended.
+    /// A user-defined M code (M100 to M199), or M6 of an automatic changer; the program continues when its
+    /// executable has ended.
     User(UserCall),
 }
 
-/// One of M100 to M199 in a program, or M6 of an automatic changer.
+/// A user-defined M code (M100 to M199) in a program, or M6 of an automatic changer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct UserCall {
     /// The number after M.
     pub number: u32,
-    /// P and Q words; of M6 the new tool and the present one.
+    /// P and Q words; for M6 the new tool and the present one.
     pub words: [Option<f64>; 2],
     /// Program line.
     pub line: u32,
 }
 
 impl UserCall {
-    /// As it is written in programs.
+    /// The code as written in programs.
     pub(crate) fn text(&self) -> String {
         if let (TOOL_CHANGE_CODE, [Some(tool), Some(present)]) = (self.number, self.words) {
             return format!("M6, tool {tool} for tool {present},");
@@ -158,11 +159,11 @@ impl UserCall {
     }
 }
 
-/// A block that waits to be driven.
+/// A planned block that is not driven yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct QueuedBlock {
     pub block: u32,
-    /// Where it ends, machine coordinates.
+    /// Its end, machine coordinates.
     pub end: Axes,
     /// Programmed speed, mm/s; infinite for rapids.
     pub feed_mm_s: f64,
@@ -170,7 +171,7 @@ pub(crate) struct QueuedBlock {
     pub path_mm: f64,
 }
 
-/// How texts name a spindle.
+/// Name of a spindle in texts.
 pub(crate) fn spindle_name(number: u32) -> String {
     match number {
         0 => "spindle".to_owned(),
@@ -178,7 +179,7 @@ pub(crate) fn spindle_name(number: u32) -> String {
     }
 }
 
-/// The same at the start of a sentence about it: the only spindle of most machines has an article.
+/// The same at the start of a sentence; the only spindle of most machines has an article.
 pub(crate) fn with_article(number: u32) -> String {
     match number {
         0 => "the spindle".to_owned(),
@@ -195,7 +196,7 @@ fn turning_text(number: u32, direction: SpindleDirection, speed: &str) -> String
     }
 }
 
-/// What an action does, as text; none where it is none of the periphery's.
+/// An action of the periphery as text; `None` for other actions.
 pub(crate) fn describe(action: &Action) -> Option<String> {
     Some(match action {
         Action::SelectTool(tool) => format!("select tool {tool}"),

@@ -1,4 +1,4 @@
-//! How a run goes, told to whoever started it.
+//! Reports on a run to its caller.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::Receiver;
@@ -13,40 +13,40 @@ use crate::news::{ExternalEventKind, FeederEvent, Moment, Notice, notices_due};
 use crate::shared::Controls;
 use crate::standby::needs_load;
 
-/// What is noted where drives answer.
+/// Note if drives send feedback.
 const DRIVES_UNWATCHED: &str = "drives answer on the bus, but `run` does not watch them: nothing stops it \
      where one fails or does not follow. That takes power, homing and alarms that stay, which `evolvent \
      serve` has";
-/// The same for a run that goes by what they cut.
+/// The same for a run that depends on the cutting load.
 const DRIVES_HALF_WATCHED: &str = "drives answer on the bus: the run ends if they stop by themselves; a \
      following error or lost feedback does not stop it, because that takes power, homing and alarms that \
      stay, which `evolvent serve` has";
-/// How often the caller hears of progress.
+/// Interval of progress reports.
 const PROGRESS_EVERY: Duration = Duration::from_millis(50);
-/// The same where time is not real: runs may be over at once.
+/// The same with the virtual clock, whose runs may end at once.
 const PROGRESS_EVERY_VIRTUAL: Duration = Duration::from_millis(2);
 
-/// Tells the caller how the run goes.
+/// Receives reports on a run.
 pub trait RunObserver {
-    /// Called about twenty times a second.
+    /// Called about twenty times per second.
     fn progress(&mut self, controls: &Controls);
 
-    /// Something between moves has taken effect.
+    /// A notice between moves has taken effect.
     fn notice(&mut self, notice: &Notice);
 
-    /// Something that the user should know at once.
+    /// A note that the user should see at once.
     fn note(&mut self, text: &str);
 }
 
-/// Looks on at a run for its observer.
+/// Follows a run and reports to its observer.
 pub(crate) struct LookingOn<'a> {
     controls: &'a Controls,
     notices: &'a Receiver<FeederEvent>,
     failures: &'a Receiver<RecordError>,
     every: Duration,
-    /// Drives are to be watched where there are any.
+    /// Drives must be monitored if there are any.
     minds_drives: bool,
-    /// What is noted where drives answer, and whether it was.
+    /// The note about drives that send feedback, and whether it was sent.
     of_drives: &'static str,
     told: Option<&'static str>,
 }
@@ -76,14 +76,14 @@ impl<'a> LookingOn<'a> {
         }
     }
 
-    /// What was noted of drives that answer.
+    /// The note about drives that send feedback, if it was sent.
     pub(crate) fn told_of_drives(&self) -> Option<&'static str> {
         self.told
     }
 
-    /// Passes on news until `finished`.
+    /// Passes events on until `finished`.
     pub(crate) fn until(&mut self, observer: &mut dyn RunObserver, finished: impl Fn() -> bool) {
-        // The planner is far ahead: a notice is passed on once the cycle has got there.
+        // The planner is far ahead: a notice is passed on once the cycle has reached it.
         let mut ahead: VecDeque<Notice> = VecDeque::new();
         loop {
             let over = finished();

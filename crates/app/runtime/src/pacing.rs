@@ -1,20 +1,20 @@
 //! When the loop wakes, and when its setpoints are due.
 //!
-//! Setpoints bear the time at which they are due, so the loop need not wake for each: where a period is
-//! shorter than [`MIN_WAKE_NS`] it wakes once for several and computes them in a row. What is computed
-//! depends on the cycle's number and its inputs alone, never on when the loop woke.
+//! Setpoints carry their due time, so the loop need not wake for each: if a period is shorter than
+//! [`MIN_WAKE_NS`], it wakes once for several setpoints and computes them in a row. The results depend only
+//! on the cycle's number and its inputs, never on when the loop woke.
 
 use crate::rt::MonotonicClock;
 
-/// Shortest time between two wake-ups, ns. Tuned: 0.1 to 1 ms; below, a plain kernel spends more time on
-/// waking than on cycles (`cargo bench -p evolvent-runtime --bench figures`), above, a hold waits for the
-/// next wake-up.
+/// Minimum time between two wake-ups, ns. Tuned: 0.1 to 1 ms. Below, a plain kernel spends more time on
+/// waking than on cycles (`cargo bench -p evolvent-runtime --bench figures`); above, a hold waits longer for
+/// the next wake-up.
 const MIN_WAKE_NS: u64 = 250_000;
 
-/// A clock to sleep by.
+/// A clock with a sleep.
 pub(crate) trait Timer {
     fn now_ns(&mut self) -> u64;
-    /// Sleeps until a moment, at once if it has passed.
+    /// Sleeps until a moment; returns at once if it has passed.
     fn sleep_until(&mut self, moment_ns: u64);
 }
 
@@ -32,16 +32,16 @@ impl Timer for RealTimer {
     }
 }
 
-/// The cycle that begins.
+/// A cycle that begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Cycle {
-    /// When it begins at the control rate, ns.
+    /// Its deadline at the control rate, ns.
     pub deadline_ns: u64,
-    /// When its setpoint is due, ns.
+    /// Due time of its setpoint, ns.
     pub due_ns: u64,
-    /// When it began, ns: after its deadline where it is computed in a row with others.
+    /// When it began, ns; later than its deadline if it is computed in a row with others.
     pub begun_ns: u64,
-    /// By how much the loop woke late for its row, ns.
+    /// Lateness of the wake-up for its row, ns.
     pub lateness_ns: u64,
 }
 
@@ -52,14 +52,14 @@ pub(crate) struct Pacing {
     lead_ns: u64,
     cycles_per_wake: u64,
     deadline_ns: u64,
-    /// Cycles that are computed before the next wake-up.
+    /// Number of cycles to compute before the next wake-up.
     left: u64,
-    /// By how much the loop woke late, ns.
+    /// Lateness of the wake-up, ns.
     lateness_ns: u64,
 }
 
 impl Pacing {
-    /// Begins two periods after this moment.
+    /// The first cycle begins two periods after this moment.
     pub(crate) fn new(now_ns: u64, period_ns: u64, lead_cycles: u32) -> Self {
         Self {
             period_ns,
@@ -76,8 +76,8 @@ impl Pacing {
         let mut wake_ns = None;
         if self.left == 0 {
             self.left = self.cycles_per_wake;
-            // The last deadline of the row: an input then takes effect with the next row, at most a row after
-            // it came.
+            // The last deadline of the row: an input then takes effect with the next row, at most one row
+            // after it arrived.
             let last_ns = self.deadline_ns + (self.cycles_per_wake - 1) * self.period_ns;
             timer.sleep_until(last_ns);
             wake_ns = Some(last_ns);
@@ -95,13 +95,14 @@ impl Pacing {
         }
     }
 
-    /// Goes on to the next cycle, whose deadline is corrected by this much, ns: much less than a period.
+    /// Continues with the next cycle, whose deadline is corrected by this amount, ns; much less than a
+    /// period.
     pub(crate) fn advance(&mut self, correction_ns: i64) {
         self.deadline_ns = (self.deadline_ns + self.period_ns).saturating_add_signed(correction_ns);
     }
 }
 
-/// Counts the setpoints that are finished after they are due.
+/// Counts setpoints that are completed after their due time.
 #[derive(Clone, Debug)]
 pub(crate) struct LatenessCounter {
     max_in_a_row: u32,
@@ -110,7 +111,7 @@ pub(crate) struct LatenessCounter {
 }
 
 impl LatenessCounter {
-    /// More than `max_in_a_row` - 1 late setpoints in a row are too many; 0: any number is permitted.
+    /// `max_in_a_row` consecutive late setpoints are too many; 0 permits any number.
     pub(crate) fn new(max_in_a_row: u32) -> Self {
         Self {
             max_in_a_row,
@@ -119,7 +120,7 @@ impl LatenessCounter {
         }
     }
 
-    /// Counts the setpoint of a cycle that is finished at this moment. Returns whether it is late.
+    /// Counts the setpoint of a cycle that was completed at this moment. Returns whether it is late.
     pub(crate) fn count(&mut self, cycle: &Cycle, finished_ns: u64) -> bool {
         let is_late = finished_ns > cycle.due_ns;
         if is_late {
@@ -131,18 +132,18 @@ impl LatenessCounter {
         is_late
     }
 
-    /// Whether too many setpoints in a row are late.
+    /// Whether too many consecutive setpoints are late.
     pub(crate) fn is_too_late(&self) -> bool {
         self.max_in_a_row > 0 && self.in_a_row >= self.max_in_a_row
     }
 
-    /// Late setpoints so far.
+    /// Number of late setpoints so far.
     pub(crate) fn total(&self) -> u64 {
         self.total
     }
 }
 
-/// Cycles that are computed in a row. The first of them loses this much of its lead: at most a quarter.
+/// Number of cycles computed per wake-up. The first of them loses at most a quarter of its lead.
 pub(crate) fn cycles_per_wake(period_ns: u64, lead_cycles: u32) -> u64 {
     let row = MIN_WAKE_NS.div_ceil(period_ns.max(1));
     row.min(u64::from(lead_cycles) / 4).max(1)
@@ -157,7 +158,7 @@ pub(crate) fn wake_interval_ns(period_ns: u64, lead_cycles: u32) -> u64 {
 mod tests {
     use super::*;
 
-    /// Wakes late by what the list says, and needs 1 us for each look at the clock.
+    /// A timer that wakes late according to a list; reading the clock takes 1 us.
     struct Late {
         now_ns: u64,
         late_ns: Vec<u64>,
@@ -219,8 +220,7 @@ mod tests {
         }
     }
 
-    /// A hold that comes at any moment counts from a setpoint that is due at most a lead and two cycles
-    /// later.
+    /// A hold at any moment takes effect with a setpoint that is due at most a lead and two cycles later.
     #[test]
     fn what_comes_in_counts_after_the_lead_and_two_cycles_at_most() {
         let period_ns = 28_571;

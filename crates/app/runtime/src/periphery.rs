@@ -1,4 +1,4 @@
-//! Spindle, coolant and tool: what a program switches at rest, and the tool changes it waits for.
+//! Spindle, coolant and tool: changes at rest, and tool changes that the program waits for.
 
 use evolvent_gcode::{Action, Outputs, SPINDLES, SpindleDirection};
 use evolvent_machine::ToolChange;
@@ -6,26 +6,26 @@ use evolvent_path::Axes;
 
 use crate::news::UserCall;
 
-/// Number of M6 where its executable is run like a user-defined M code.
+/// Number of M6 whose executable is run like a user-defined M code.
 pub(crate) const TOOL_CHANGE_CODE: u32 = 6;
 
-/// Number of the call with which a tool change by a subroutine begins.
+/// Number of the call that begins a tool change by a subroutine.
 pub(crate) const CHANGE_BEGINS: u32 = 0;
 
-/// Who carries out the tool change that the program waits for. The numbers are those of the status.
+/// The changer of the tool change that the program waits for. The numbers are those of the status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Changer {
     /// The operator, who confirms it.
     Operator = 1,
-    /// A program or subroutine of the machine.
+    /// An executable or subroutine of the machine.
     Program = 2,
 }
 
-/// An angle that the stopped spindle is to turn to.
+/// An angle to which the stopped spindle turns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Orientation {
     pub degrees: f64,
-    /// The way; none for the shorter one.
+    /// Direction of the turn; `None` for the shorter one.
     pub direction: Option<SpindleDirection>,
 }
 
@@ -34,16 +34,16 @@ pub(crate) struct Orientation {
 pub(crate) struct SpindlePass {
     /// The spindle that it follows.
     pub spindle: u32,
-    /// Its feed is that of its first piece at the commanded speed of the spindle; a tap ends at its bottom.
+    /// Its feed is that of its first piece at the commanded spindle speed; a tap ends at its bottom.
     pub motion: UnplannedMove,
 }
 
-/// A move that the cycle drives without the plan.
+/// A move that the cycle drives without a plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct UnplannedMove {
     /// Its programmed speed, mm/s.
     pub feed_mm_s: f64,
-    /// Where it ends if nothing ends it before, machine coordinates.
+    /// Its end if nothing ends it earlier, machine coordinates.
     pub end: Axes,
 }
 
@@ -51,26 +51,27 @@ pub(crate) struct UnplannedMove {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Periphery {
     pub outputs: Outputs,
-    /// A stopped spindle turns to an angle (M19), until another command.
+    /// The angle to which a stopped spindle turns (M19), until another command.
     pub orientations: [Option<Orientation>; SPINDLES],
-    /// Number of the last command to each spindle. Numbers grow, from job to job as well.
+    /// Number of the last command to each spindle. Numbers increase across jobs.
     pub spindle_commands: [u64; SPINDLES],
-    /// The spindle whose angle the program follows: the cycle needs each sample of it.
+    /// The spindle whose angle the program follows; the cycle needs every sample of it.
     pub follows_angle: Option<u32>,
-    /// The pass that follows a spindle now: it notices itself where that stalls, and draws its tool out.
+    /// The pass that follows a spindle now. It detects a stall itself and retracts its tool.
     pub in_pass: Option<SpindlePass>,
     /// The probing move that the cycle drives now.
     pub in_probe: Option<UnplannedMove>,
     /// Tool in the spindle; 0 for none.
     pub tool: u32,
-    /// The tool change that the program waits for: by whom, and the tool; 0 empties the spindle.
+    /// The tool change that the program waits for: its changer and the tool; 0 empties the spindle.
     pub change: Option<(Changer, u32)>,
-    /// A change has ended in this program, or M61 has named the tool: which tool is in the spindle is known.
+    /// Whether the tool in the spindle is known: a change has ended in this program, or M61 has declared the
+    /// tool.
     pub is_tool_known: bool,
 }
 
 impl Periphery {
-    /// Takes over what an action changes. Returns whether it changes anything of the kind.
+    /// Applies an action. Returns whether it concerns the periphery.
     pub(crate) fn apply(&mut self, action: &Action) -> bool {
         match *action {
             Action::ChangeTool(tool) | Action::ToolNumber(tool) => {
@@ -115,7 +116,7 @@ impl Periphery {
         self.outputs.spindles[number].turns() || self.orientations[number].is_some()
     }
 
-    /// The move that the cycle drives now without the plan.
+    /// The move that the cycle drives now without a plan.
     pub(crate) fn unplanned(&self) -> Option<UnplannedMove> {
         self.in_pass.map(|pass| pass.motion).or(self.in_probe)
     }
@@ -133,14 +134,14 @@ impl Periphery {
         u32::from(self.outputs.mist) | u32::from(self.outputs.flood) << 1
     }
 
-    /// The pending tool change as the bus encodes it: by whom (0 none), and the tool.
+    /// The pending tool change as the bus encodes it: its changer (0 for none), and the tool.
     pub(crate) fn change_numbers(&self) -> (u32, u32) {
         self.change
             .map_or((0, 0), |(changer, tool)| (changer as u32, tool))
     }
 }
 
-/// The call of the machine's program for a tool change: new tool and present tool are its arguments.
+/// The call of the machine's executable for a tool change, with the new and the present tool as arguments.
 pub(crate) fn tool_change_call(tool: u32, present: u32, line: u32) -> UserCall {
     UserCall {
         number: TOOL_CHANGE_CODE,
@@ -149,7 +150,7 @@ pub(crate) fn tool_change_call(tool: u32, present: u32, line: u32) -> UserCall {
     }
 }
 
-/// The call with which a change by a subroutine begins: a served machine notes that it is under way.
+/// The call that begins a change by a subroutine: a served machine marks the change as in progress.
 pub(crate) fn change_begins(tool: u32, present: u32, line: u32) -> UserCall {
     UserCall {
         number: CHANGE_BEGINS,
@@ -157,7 +158,7 @@ pub(crate) fn change_begins(tool: u32, present: u32, line: u32) -> UserCall {
     }
 }
 
-/// How a request to change the tool begins.
+/// Start of a request to change the tool.
 const TOOL_REQUEST: &str = "tool change (M6): ";
 
 /// The request to the operator.
@@ -168,7 +169,7 @@ pub(crate) fn tool_request(tool: u32, present: u32) -> String {
     }
 }
 
-/// What is said of a change by the operator that ends before it was confirmed.
+/// The message if a change by the operator ends before it was confirmed.
 pub(crate) fn change_abandoned(tool: u32, present: u32) -> String {
     let change = match tool {
         0 => "to an empty spindle".to_owned(),
@@ -184,7 +185,7 @@ pub(crate) fn change_abandoned(tool: u32, present: u32) -> String {
     )
 }
 
-/// Why a tool change cannot be carried out where no operator confirms it.
+/// The error of a tool change that no operator can confirm.
 pub(crate) fn nobody_changes(tool: u32, present: u32) -> (String, String) {
     let what = match present {
         0 => "the spindle is empty".to_owned(),
@@ -199,13 +200,13 @@ pub(crate) fn nobody_changes(tool: u32, present: u32) -> (String, String) {
     (message, help)
 }
 
-/// Whether a program that asks for this tool has to wait for it.
+/// The changer that a program must wait for to get this tool, if any.
 pub(crate) fn waits_for(policy: ToolChange, tool: u32, present: u32) -> Option<Changer> {
     match policy {
         _ if tool == present => None,
         ToolChange::Operator => Some(Changer::Operator),
         ToolChange::Program => Some(Changer::Program),
-        // After its subroutine it is done.
+        // A change by a subroutine is complete after it.
         ToolChange::Subroutine | ToolChange::None => None,
     }
 }

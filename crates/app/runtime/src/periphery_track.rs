@@ -1,5 +1,4 @@
-//! Spindle, coolant and tool with the setpoints that leave: what the bus says of them, and from which
-//! setpoint on.
+//! Spindle, coolant and tool for the published setpoints: their state on the bus, and from which setpoint on.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::Receiver;
@@ -10,43 +9,43 @@ use evolvent_motion::State;
 use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
 
-/// What followers of the periphery receive.
+/// Orders for followers of the periphery.
 #[derive(Debug)]
 pub(crate) enum PeripheryOrder {
-    /// It is so after this setpoint, whatever a program has planned.
+    /// The periphery has this state after this setpoint, whatever a program has planned.
     Behind {
         sequence: u64,
         periphery: Box<Periphery>,
     },
-    /// A program has been begun: what it makes of the periphery, from the action of a number on, as it is
-    /// planned.
+    /// A program has begun: it reports changes of the periphery while it is planned, with the number of the
+    /// action from which each is in effect.
     Program {
         job: u64,
         planned: Receiver<(u32, Periphery)>,
     },
 }
 
-/// A program whose setpoints may come.
+/// A program whose setpoints may be published.
 #[derive(Debug)]
 struct Program {
     job: u64,
     planned: Receiver<(u32, Periphery)>,
-    /// Taken out of `planned` and not reached.
+    /// Received from `planned` and not reached yet.
     ahead: VecDeque<(u32, Periphery)>,
 }
 
-/// Spindle, coolant and tool with the setpoints that have left.
+/// Spindle, coolant and tool for the published setpoints.
 #[derive(Debug)]
 pub(crate) struct PeripheryTrack {
     now: Periphery,
     orders: Receiver<PeripheryOrder>,
-    /// Orders for setpoints that have not come.
+    /// Orders for setpoints that are not published yet.
     behind: VecDeque<(u64, Periphery)>,
     programs: VecDeque<Program>,
 }
 
 impl PeripheryTrack {
-    /// With this tool in the spindle, and everything off.
+    /// With this tool in the spindle and everything off.
     pub(crate) fn new(tool: u32, orders: Receiver<PeripheryOrder>) -> Self {
         Self {
             now: Periphery {
@@ -59,13 +58,13 @@ impl PeripheryTrack {
         }
     }
 
-    /// As it is with the setpoint that has left last.
+    /// The state with the last published setpoint.
     pub(crate) fn now(&self) -> &Periphery {
         &self.now
     }
 
-    /// Goes on to a setpoint; whether anything has changed. Where the program ends early, or the drives have
-    /// no power, everything is off: nobody else has to be in time for it.
+    /// Advances to a setpoint. Returns whether anything changed. If the program ends early or the drives have
+    /// no power, everything is off, independent of any other thread.
     pub(crate) fn follow(&mut self, due: &DueSetpoint) -> bool {
         let before = self.now;
         for order in self.orders.try_iter() {
@@ -74,7 +73,7 @@ impl PeripheryTrack {
                     self.behind.push_back((sequence, *periphery));
                 }
                 PeripheryOrder::Program { job, planned } => {
-                    // One of the same number was never begun.
+                    // A program of the same number was never begun.
                     self.programs.retain(|program| program.job != job);
                     self.programs.push_back(Program {
                         job,
@@ -90,12 +89,12 @@ impl PeripheryTrack {
             self.now = periphery;
             self.behind.pop_front();
         }
-        // What an earlier program has planned and not come to is not done by a later one.
+        // Changes that an earlier program planned and did not reach are discarded.
         while self.programs.front().is_some_and(|program| program.job < due.job) {
             self.programs.pop_front();
         }
         if let Some(program) = self.programs.front_mut().filter(|program| program.job == due.job) {
-            // An action is announced before it goes into the plan.
+            // An action is reported before it is added to the plan.
             program.ahead.extend(program.planned.try_iter());
             while let Some(&(action, periphery)) = program.ahead.front()
                 && action < due.setpoint.actions
@@ -194,12 +193,12 @@ mod tests {
         );
         track.follow(&due(13, 1, 1, State::Idle));
         assert_eq!((speed(&track), track.now().tool), (0.0, 4));
-        // Whatever number the second begins with, what the first has left undone is not done.
+        // Whatever number the second program begins with, pending changes of the first are discarded.
         track.follow(&due(14, 2, 31, State::Running));
         assert_eq!(speed(&track), 0.0);
         track.follow(&due(15, 2, 32, State::Running));
         assert_eq!(speed(&track), 3100.0);
-        // A jog that is stopped is no program.
+        // A jog that is stopped is not a program.
         let mut jogged = due(16, 2, 32, State::Stopped);
         jogged.is_of_program = false;
         track.follow(&jogged);

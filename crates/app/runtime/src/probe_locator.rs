@@ -1,9 +1,9 @@
-//! Where the axes were when the probe changed.
+//! The position of the axes when the probe changed.
 //!
-//! The position that the drives have latched, where they have; otherwise between the two samples of feedback
-//! around the time of the change, by straight interpolation. Within a period T at an acceleration a this is
-//! wrong by a T^2 / 8 at most, beside what feedback and time themselves are wrong by. Where no bridge sends
-//! feedback the setpoints stand for it.
+//! This is the position that the drives have latched, if they have; otherwise it is interpolated linearly
+//! between the two samples of feedback around the time of the change. Within a period T at an acceleration a
+//! the error of the interpolation is at most a T^2 / 8, in addition to the errors of feedback and time. If no
+//! bridge sends feedback, setpoints are used instead.
 
 use evolvent_path::AxisMask;
 use std::collections::VecDeque;
@@ -13,11 +13,11 @@ use evolvent_drive::KnownProbe;
 
 use crate::due_setpoint::DueSetpoint;
 
-/// Samples that are kept: 0.1 s at 35 kHz, and more than a second below 3.5 kHz.
+/// Number of samples kept: 0.1 s at 35 kHz, and more than a second below 3.5 kHz.
 const SAMPLES: usize = 4096;
-/// How long the sample after the change is waited for, ns.
+/// Maximum wait for the sample after the change, ns.
 const PATIENCE_NS: u64 = 20_000_000;
-/// Feedback older than this says nothing of now, ns.
+/// Age beyond which feedback is not used, ns.
 const STALE_NS: u64 = 100_000_000;
 
 #[derive(Clone, Copy, Debug)]
@@ -25,21 +25,21 @@ struct Sample {
     time_ns: u64,
     datum: u64,
     position: [f64; AXES],
-    /// Of a setpoint: by how much it was corrected.
+    /// For a setpoint: its correction.
     shift: [f64; AXES],
 }
 
-/// A change whose position is not known yet.
+/// A change whose position is unknown yet.
 #[derive(Clone, Copy, Debug)]
 struct Change {
     time_ns: u64,
     latched_mask: u32,
     latched: [f64; AXES],
-    /// When it was told of.
+    /// When it was reported.
     told_ns: u64,
 }
 
-/// Positions over time, and the changes that they belong to.
+/// Positions over time, and pending changes of the probe.
 #[derive(Debug)]
 pub(crate) struct ProbeLocator {
     axes_mask: u32,
@@ -58,7 +58,7 @@ impl ProbeLocator {
         }
     }
 
-    /// A sample of the drives, each once.
+    /// Adds feedback of the drives; each sample once.
     pub(crate) fn observe_feedback(&mut self, feedback: &Feedback) {
         self.axes_mask = feedback.axes_mask;
         let sound = (0..AXES).all(|axis| {
@@ -78,7 +78,7 @@ impl ProbeLocator {
         }
     }
 
-    /// A setpoint, each once.
+    /// Adds a setpoint; each once.
     pub(crate) fn observe_setpoint(&mut self, due: &DueSetpoint) {
         let [sent, ..] = due.sent();
         keep(
@@ -92,7 +92,7 @@ impl ProbeLocator {
         );
     }
 
-    /// The probe has changed.
+    /// Adds a change of the probe.
     pub(crate) fn observe_change(&mut self, probe: &KnownProbe, now_ns: u64) {
         if self.changes.len() < SAMPLES {
             self.changes.push_back(Change {
@@ -104,7 +104,7 @@ impl ProbeLocator {
         }
     }
 
-    /// The position of the oldest change that had none, once.
+    /// Returns the position of the oldest pending change, once, when it is known.
     pub(crate) fn next(&mut self, now_ns: u64) -> Option<[f64; AXES]> {
         let change = *self.changes.front()?;
         let mut position = [0.0; AXES];
@@ -121,14 +121,14 @@ impl ProbeLocator {
         Some(position)
     }
 
-    /// By how much the setpoint was corrected that was due at a time, or the one nearest to it.
+    /// The correction of the setpoint that was due at a time, or of the nearest one.
     fn shift_at(&self, time_ns: u64) -> [f64; AXES] {
         let after = self.setpoints.partition_point(|sample| sample.time_ns < time_ns);
         let newest = self.setpoints.back();
         (self.setpoints.get(after).or(newest)).map_or([0.0; AXES], |sample| sample.shift)
     }
 
-    /// Where the axes were; none while that may yet become known.
+    /// The position at a change; `None` while it may still become known.
     fn at(&self, change: &Change, now_ns: u64) -> Option<[f64; AXES]> {
         let has_drives = (self.feedback.back())
             .is_some_and(|sample| sample.time_ns.saturating_add(STALE_NS) >= change.time_ns);
@@ -147,7 +147,7 @@ impl ProbeLocator {
 }
 
 fn keep(samples: &mut VecDeque<Sample>, sample: Sample) {
-    // A clock that goes back, or another datum, begins again.
+    // If the clock goes back or the datum changes, collection restarts.
     if samples
         .back()
         .is_some_and(|last| last.time_ns >= sample.time_ns || last.datum != sample.datum)
@@ -160,7 +160,7 @@ fn keep(samples: &mut VecDeque<Sample>, sample: Sample) {
     samples.push_back(sample);
 }
 
-/// Between the samples around a time; none where it lies before or after all of them.
+/// Interpolates between the samples around a time; `None` if it is before or after all of them.
 fn interpolate(samples: &VecDeque<Sample>, time_ns: u64) -> Option<[f64; AXES]> {
     let after = samples.partition_point(|sample| sample.time_ns < time_ns);
     let right = samples.get(after)?;
@@ -224,7 +224,7 @@ mod tests {
         locator.observe_feedback(&feedback(2_000_000, 3.0));
         locator.observe_change(&probe(1_500_000, 0b01), 2_000_000);
         assert_eq!(locator.next(2_000_000).unwrap()[..2], [7.0, -2.0]);
-        // All are latched: nothing is waited for.
+        // All axes are latched, so no sample is awaited.
         locator.observe_change(&probe(9_000_000, 0b11), 9_000_000);
         assert_eq!(locator.next(9_000_000).unwrap()[..2], [7.0, 7.0]);
     }
@@ -238,7 +238,7 @@ mod tests {
         assert_eq!(locator.next(2_000_000 + PATIENCE_NS + 1).unwrap()[0], 1.0);
     }
 
-    /// Drives report what they were sent; a program needs to know where the tool was.
+    /// Drives report corrected positions; a program needs the position of the tool.
     #[test]
     fn a_contact_is_where_the_tool_was_and_not_where_the_drives_were() {
         let mut locator = ProbeLocator::new();
@@ -275,7 +275,7 @@ mod tests {
         }
         locator.observe_change(&probe(1_500_000, 0), 2_000_000);
         assert_eq!(locator.next(2_000_000).unwrap()[0], 2.0);
-        // Latched at 7 by the drive, which was sent half a millimetre too far.
+        // Latched at 7 by the drive, whose correction was half a millimetre.
         locator.observe_change(&probe(2_000_000, 0b11), 2_000_000);
         assert_eq!(locator.next(2_000_000).unwrap()[..2], [6.5, 7.0]);
     }

@@ -1,4 +1,4 @@
-//! From a probing move of a program to one of the machine, and what is said of its result.
+//! Converts a probing move of a program to one of the machine, and explains its result.
 
 use std::convert::Infallible;
 use std::path::Path;
@@ -10,7 +10,7 @@ use evolvent_planner::MoveValidator;
 use crate::job::Setup;
 use crate::refusal::{about_line_with, explain};
 
-/// How long a change of the probe is on its way to the cycle beside the lead, s: the publisher looks every
+/// Time that a change of the probe takes to the cycle besides the lead, s: the publisher polls every
 /// millisecond, and bridges send as often.
 const NOTICE_S: f64 = 0.002;
 
@@ -33,7 +33,7 @@ fn lead_s(setup: &Setup) -> f64 {
     f64::from(setup.machine.lead_cycles(setup.period_ns)) * setup.period_ns as f64 * 1e-9
 }
 
-/// What the machine has against a probing move.
+/// The machine's objection to a probing move, if any.
 pub(crate) fn objection(order: &ProbeMove, setup: &Setup) -> Option<ProbeObjection> {
     let Some(probe) = setup.machine.signals.probe else {
         return Some(ProbeObjection::Words(
@@ -41,8 +41,7 @@ pub(crate) fn objection(order: &ProbeMove, setup: &Setup) -> Option<ProbeObjecti
             "add [probe] to the machine file; a bridge says on the bus what it does".to_owned(),
         ));
     };
-    // The stop after contact ends before the end of the move, so that it stays within the travel where the
-    // move does.
+    // The stop after contact ends before the end of the move, so it is within the travel if the move is.
     let motion = Move {
         curve: order.curve,
         kind: MoveKind::Feed,
@@ -75,7 +74,7 @@ pub(crate) fn probing(order: ProbeMove, setup: &Setup) -> Probing {
     Probing::new(order, &setup.machine.limits(), lead_s(setup))
 }
 
-/// What went wrong, and what to do; none where the program goes on.
+/// The error and its remedy; `None` if the program continues.
 pub(crate) fn complaint(result: &ProbeResult, toward: bool, must: bool) -> Option<(String, String)> {
     let way = if toward { "contact" } else { "loss of contact" };
     let (message, help) = match result.verdict {
@@ -88,7 +87,7 @@ pub(crate) fn complaint(result: &ProbeResult, toward: bool, must: bool) -> Optio
                 if toward { "G38.3" } else { "G38.5" }
             ),
         ),
-        // As LinuxCNC: G38.3 and G38.5 make no error of it.
+        // As in LinuxCNC, G38.3 and G38.5 do not make this an error.
         ProbeVerdict::ChangedBefore if !must => return None,
         ProbeVerdict::ChangedBefore if toward => (
             "the probe is tripped before the move begins; nothing has moved".to_owned(),

@@ -1,6 +1,6 @@
-//! A long program's text for the recorder: copied beside the state by a thread of its own, because the
-//! recorder must not wait for the program's file system, and because the file may be another one when the
-//! recorder comes to it.
+//! The text of a long program for the recorder, copied into the state folder by a separate thread. The
+//! recorder must not wait for the program's file system, and the file may have changed by the time the
+//! recorder needs it.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Result, Write as _};
@@ -14,17 +14,17 @@ use evolvent_config::{FILE_TIMEOUT, no_reply, open_regular};
 
 use crate::rt::take_turns;
 
-/// Bytes that are copied at once.
+/// Number of bytes copied at once.
 const PIECE_BYTES: usize = 1 << 20;
 
-/// The text of a program, as the recorder gets it.
+/// The text of a program for the recorder.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum ProgramText {
     Whole(Arc<[u8]>),
     Copy(Arc<ProgramCopy>),
 }
 
-/// A copy that is being made.
+/// A copy in progress.
 #[derive(Debug)]
 pub(crate) struct ProgramCopy {
     pub(crate) path: PathBuf,
@@ -33,7 +33,7 @@ pub(crate) struct ProgramCopy {
 
 #[derive(Debug)]
 enum State {
-    /// Since when nothing has come.
+    /// In progress; the time of the last data.
     Copying(Instant),
     Done(Arc<File>),
     Failed(String),
@@ -46,7 +46,7 @@ impl PartialEq for ProgramCopy {
 }
 
 impl ProgramCopy {
-    /// Begins to copy a program into a file without a name in a folder.
+    /// Starts to copy a program into an unnamed file in a folder.
     pub(crate) fn begin(program: &Path, folder: &Path) -> Arc<Self> {
         let (from, folder) = (program.to_path_buf(), folder.to_path_buf());
         Self::begin_from(program, &folder, move || open_regular(&from))
@@ -91,13 +91,13 @@ impl ProgramCopy {
 
     fn set(&self, new: State) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        // Who was given up stays so: the recorder has said it.
+        // A copy that was given up stays so: the recorder has reported it.
         if matches!(*state, State::Copying(_)) {
             *state = new;
         }
     }
 
-    /// The copy, or why there is none; nothing while it is being made and something comes.
+    /// The copy, or the reason why there is none; `None` while data still arrives.
     pub(crate) fn look(&self) -> Option<std::result::Result<Arc<File>, String>> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if let State::Copying(since) = &*state
@@ -113,13 +113,13 @@ impl ProgramCopy {
     }
 }
 
-/// A file that goes with its last descriptor.
+/// A file that is deleted with its last descriptor.
 fn unnamed_file(folder: &Path) -> Result<File> {
     std::fs::create_dir_all(folder)?;
     let mut options = OpenOptions::new();
     options.read(true).write(true);
     let made = options.clone().custom_flags(libc::O_TMPFILE).open(folder);
-    // Some file systems have none of this kind.
+    // Some file systems do not support this.
     made.or_else(|_| {
         let path = folder.join(format!(".program-{}", std::process::id()));
         let file = options.create_new(true).open(&path)?;
@@ -128,7 +128,7 @@ fn unnamed_file(folder: &Path) -> Result<File> {
     })
 }
 
-/// Reads a file from its beginning, wherever others read it.
+/// Reads a file from its beginning, independent of other readers' positions.
 pub(crate) struct FromStart {
     pub(crate) file: Arc<File>,
     pub(crate) at: u64,

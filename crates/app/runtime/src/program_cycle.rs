@@ -29,79 +29,78 @@ use crate::turning_tally::TurningTally;
 pub struct Seen<'a> {
     /// The setpoint.
     pub setpoint: &'a Setpoint,
-    /// What a turning cycle gave out, where one moves the axes.
+    /// Output of a turning cycle, if one moves the axes.
     pub turning: Option<&'a TurningOutput>,
-    /// What the simulated workpiece lost, where there is one.
+    /// The material that the simulated workpiece lost, if there is one.
     pub cut: Option<CutNow>,
 }
 
-/// What a run follows, and what it goes by; built before it starts.
+/// The program and inputs of a run; built before it starts.
 pub(crate) struct ProgramCycle<F> {
     pub motion: PathExecutor,
     pub queue: PlanConsumer,
     pub controls: Arc<Controls>,
     pub period_ns: u64,
     pub is_realtime: bool,
-    /// Wait at program stops until told to go on; otherwise stand there for one cycle.
+    /// Wait at program stops until resumed; otherwise stop there for one cycle.
     pub stops_at_program_stops: bool,
-    /// The actions before stops at which a user-defined M code is carried out, in order; none where nothing
-    /// is.
+    /// The actions before stops at which user-defined M codes are carried out, in order; `None` if none are.
     pub commands: Option<Consumer<u32>>,
-    /// Outputs and inputs, where the machine has any.
+    /// Outputs and inputs, if the machine has any.
     pub signals: Option<SignalLoop>,
-    /// Where the machine is not as it should be.
+    /// Corrections of the machine's errors, if there are any.
     pub corrections: Option<Corrections>,
-    /// Whether a load is measured, and recorded.
+    /// Whether a cutting load is measured and recorded.
     pub records_load: bool,
-    /// The workpiece that the setpoints cut: with the virtual clock, whose load no sensor measures.
+    /// The workpiece cut by the setpoints, with the virtual clock; no sensor measures its load.
     pub process: Option<SimulatedProcess>,
     /// Holds a program that needs a load until there is one.
     pub standby: Standby,
     pub adaptive: Option<AdaptiveFeed>,
-    /// Goes on after the program until the spindles stand.
+    /// Continues after the program until the spindles have stopped.
     pub rundown: SpindleRundown,
-    /// Sees every setpoint (offline planning).
+    /// Observes every setpoint (offline planning).
     pub observe: F,
     pub now: ProgramState,
 }
 
-/// What changes from cycle to cycle, and what is reported of it in the end.
+/// State that changes from cycle to cycle, and results for the report.
 #[derive(Debug)]
 pub(crate) struct ProgramState {
     pub last: Option<Setpoint>,
     pub starved_cycles: u64,
     pub stopped_for_lateness: bool,
-    /// A corrected setpoint broke a limit.
+    /// A corrected setpoint violated a limit.
     pub miscorrected: bool,
     pub planner_died: bool,
-    /// Why adaptive feed has stopped the run.
+    /// The reason why adaptive feed stopped the run.
     pub adaptive_stop: Option<AdaptiveStop>,
     /// The emergency-stop chain was opened, or not closed.
     pub estopped: bool,
-    /// A spindle in fault, or whose feedback has stopped.
+    /// A spindle that is in fault, or whose feedback stopped.
     pub spindle_trouble: Option<u32>,
-    /// Why the program was not begun.
+    /// The reason why the program did not begin.
     pub not_begun: Option<NotBegun>,
-    /// Why drives that cut have stopped.
+    /// The reason why the drives stopped during the cut.
     pub drive_stop: Option<DriveAlarm>,
     /// The plan ended before the program did.
     pub program_failed: bool,
-    /// Program stops that were passed without waiting.
+    /// Program stops passed without waiting.
     pub program_stops_passed: u64,
-    /// What turning cycles came to.
+    /// Results of turning cycles.
     pub turning: TurningTally,
-    /// What this cycle went by.
+    /// Inputs of this cycle.
     inputs: Inputs,
-    /// The cycle before has let the machine go on.
+    /// The previous cycle resumed the machine.
     resumed: bool,
-    /// The load that the simulated workpiece gave last.
+    /// The last load of the simulated workpiece.
     simulated: Option<LoadSample>,
-    /// The load in the record before.
+    /// The load in the previous record.
     recorded_load: Option<LoadSample>,
 }
 
 impl ProgramState {
-    /// Before the first cycle.
+    /// The state before the first cycle.
     pub(crate) fn new(turning: TurningTally) -> Self {
         Self {
             last: None,
@@ -219,7 +218,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
 }
 
 impl<F> ProgramCycle<F> {
-    /// The program has ended, and a spindle slows down.
+    /// A setpoint at rest after the end of the program, while a spindle slows down.
     fn rest(&mut self, begin: &CycleBegin, last: &Setpoint) -> Computed {
         let mut inputs = self.controls.inputs();
         let _at_wait = self.take_signals(begin.number, &mut inputs);
@@ -230,7 +229,7 @@ impl<F> ProgramCycle<F> {
         self.leave(setpoint, inputs, 0)
     }
 
-    /// A setpoint with what goes with it, the last one or not.
+    /// Completes a setpoint with its accompanying data, whether or not it is the last.
     fn leave(&mut self, mut setpoint: Setpoint, inputs: Inputs, mut input_bits: u32) -> Computed {
         self.now.inputs = inputs;
         let corrected = self.correct(&setpoint);
@@ -246,14 +245,14 @@ impl<F> ProgramCycle<F> {
             drive: DriveRequest::ON,
             job: 0,
             is_of_program: true,
-            // The spindle of a run has no override.
+            // `run` has no spindle override.
             spindle_overrides: [1.0; SPINDLES],
             override_off_mask: 0,
             input_bits,
         }
     }
 
-    /// A program that needs a load stands until there is one, and ends where the drives that cut stop.
+    /// Holds a program that needs a load until there is one, and ends it if the drives stop during the cut.
     fn hold_before_load(&mut self, inputs: &mut Inputs) {
         match self.standby.step(&self.controls) {
             Ok(is_held) => inputs.hold |= is_held,
@@ -263,7 +262,7 @@ impl<F> ProgramCycle<F> {
                 self.controls.raise(Alarm::LoadSensor);
             }
         }
-        // What has stopped the program before explains why drives no longer follow it.
+        // An earlier stop of the program explains why drives no longer follow.
         let has_ended =
             self.now.adaptive_stop.is_some() || turning_fault(&self.motion).is_some() || self.now.estopped;
         if self.now.drive_stop.is_none()
@@ -276,8 +275,8 @@ impl<F> ProgramCycle<F> {
         inputs.stop |= self.now.drive_stop.is_some();
     }
 
-    /// The action before the command at which the machine stands, if it stands at one. Commands that were
-    /// passed are forgotten.
+    /// The action before the user-defined M code at which the machine waits, if any. Drops codes that were
+    /// passed.
     fn at_command(&mut self) -> Option<u32> {
         let (commands, last) = (self.commands.as_mut()?, self.now.last.as_ref()?);
         while commands.peek().is_ok_and(|action| action + 1 < last.actions) {
@@ -287,8 +286,8 @@ impl<F> ProgramCycle<F> {
         (last.state == State::ProgramStop && next + 1 == last.actions).then_some(next)
     }
 
-    /// Inputs of the machine: its emergency-stop chain, and waits that are over. Whether the machine rests
-    /// for a wait.
+    /// Applies inputs of the machine: its emergency-stop chain, and waits that are over. Returns whether the
+    /// machine is at rest in a wait.
     fn take_signals(&mut self, number: u64, inputs: &mut Inputs) -> bool {
         let Some(signals) = &mut self.signals else {
             return false;
@@ -310,7 +309,7 @@ impl<F> ProgramCycle<F> {
         if signals.is_over() {
             let (motion, queue) = (&self.motion, &mut self.queue);
             if !self.is_realtime && motion.state() == State::ProgramStop && !inputs.stop {
-                // The planner reads on with the result: what follows must not depend on how fast it is.
+                // The planner continues with the result: the motion must not depend on the planner's speed.
                 wait_until(|| motion.can_leave_wait(queue) || queue.is_abandoned());
             }
             inputs.resume = motion.can_leave_wait(queue);
@@ -318,24 +317,24 @@ impl<F> ProgramCycle<F> {
         signals.is_waiting()
     }
 
-    /// Where the machine stands at a program stop: whether it goes on.
+    /// Decides at a program stop whether the machine continues.
     fn pass_stops(&mut self, command: Option<u32>, at_wait: bool, inputs: &mut Inputs) {
         let resumed = self.now.resumed;
         if at_wait {
-            // Only the wait's end goes on from here.
+            // Only the end of the wait continues the program here.
         } else if let Some(action) = command {
             inputs.resume = !resumed && self.controls.is_command_done(action);
         } else if !self.stops_at_program_stops {
-            // In the cycle itself, so that a run with the virtual clock takes the same cycles each time.
+            // Decided in the cycle, so that a run with the virtual clock always takes the same cycles.
             inputs.resume = !resumed && self.motion.state() == State::ProgramStop;
             self.now.program_stops_passed += u64::from(inputs.resume);
         }
         self.now.resumed = inputs.resume;
     }
 
-    /// Lets the cutting load scale the feed. Rapids are left alone; the operator's override counts below 100
-    /// % only, so that the set load holds. Where the program has switched it off (M52 P0), it follows the
-    /// load and scales nothing.
+    /// Scales the feed by the cutting load. Rapids are unchanged. The operator's override applies only below
+    /// 100 %, so that the set load is kept. Where the program has switched adaptive feed off (M52 P0), this
+    /// tracks the load and scales nothing.
     fn adapt(&mut self, inputs: &mut Inputs, counts: bool) {
         let Some(adaptive) = &mut self.adaptive else {
             return;
@@ -353,7 +352,7 @@ impl<F> ProgramCycle<F> {
         inputs.stop |= self.now.adaptive_stop.is_some();
     }
 
-    /// What the drives are sent for it.
+    /// Computes what the drives are sent for a setpoint.
     fn correct(&mut self, setpoint: &Setpoint) -> Option<Jet> {
         let corrections = self.corrections.as_mut()?;
         let inputs = self.signals.as_ref().map(SignalLoop::inputs);
@@ -365,7 +364,7 @@ impl<F> ProgramCycle<F> {
         Some(corrected)
     }
 
-    /// What went wrong with this setpoint.
+    /// Notes faults that occurred with this setpoint.
     fn note_faults(&mut self, setpoint: &mut Setpoint) {
         if setpoint.state == State::Done && self.controls.has_program_failed() {
             setpoint.state = State::Stopped;
@@ -387,12 +386,12 @@ impl<F> ProgramCycle<F> {
     }
 }
 
-/// The alarm of drives that have stopped.
+/// The alarm for drives that have stopped.
 pub(crate) fn drive_alarm(alarm: &DriveAlarm) -> Alarm {
     Alarm::from_number(alarm.number()).unwrap_or(Alarm::BridgeStopped)
 }
 
-/// The alarm of a turning cycle that has given up.
+/// The alarm of a turning cycle that has failed.
 pub(crate) fn turning_alarm(reason: &Reason) -> Alarm {
     match reason {
         Reason::Sensor(_) => Alarm::LoadSensor,

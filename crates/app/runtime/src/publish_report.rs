@@ -1,25 +1,25 @@
-//! What the publisher counts.
+//! Counts of the publisher.
 
 use evolvent_bus::CoreBus;
 use evolvent_drive::{InputFault, SpindleFault};
 
-/// What the publisher counted.
+/// Counts of the publisher.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct PublishReport {
-    /// Setpoints that left after they were due.
+    /// Setpoints published after their due time.
     pub late: u64,
-    /// Setpoints that did not leave.
+    /// Setpoints that could not be published.
     pub failed: u64,
-    /// Readers of setpoints and bridges that were connected at the same time, at most.
+    /// Maximum number of readers of setpoints and bridges connected at the same time.
     pub listeners: usize,
-    /// Messages of inputs that were refused, and what was wrong with the last.
+    /// Number of rejected messages of inputs, and the fault of the last one.
     pub refused_inputs: Option<(u64, InputFault)>,
-    /// The same of spindles.
+    /// The same for spindles.
     pub refused_spindles: Option<(u64, SpindleFault)>,
 }
 
 impl PublishReport {
-    /// What became of messages that were refused.
+    /// Notes about rejected messages.
     pub(crate) fn refusal_notes(&self) -> impl Iterator<Item = String> {
         let note = |what: &str, count: u64, fault: String| {
             format!(
@@ -37,7 +37,7 @@ impl PublishReport {
         .flatten()
     }
 
-    /// Readers of setpoints that are connected now.
+    /// Counts the readers of setpoints that are connected now.
     pub(crate) fn observe_listeners(&mut self, bus: &CoreBus) {
         self.listeners = self.listeners.max(bus.setpoint_subscribers());
     }

@@ -1,7 +1,7 @@
-//! The publisher's thread, of a run and of a served machine alike: it owns the ports of the bus.
+//! The publisher's thread of a run and of a served machine; it owns the ports of the bus.
 //!
-//! Setpoints and outputs out, feedback, inputs and loads in. What the status says, and who receives the
-//! drives' feedback, is a [`StatusSource`]'s.
+//! It sends setpoints and outputs, and receives feedback, inputs and loads. A [`StatusSource`] makes the
+//! status and receives the drives' feedback.
 
 use std::sync::mpsc::{self, Receiver, Sender};
 
@@ -24,20 +24,19 @@ use crate::start_error::{BUS_TIMEOUT, StartError};
 use crate::status_source::{StatusPort, StatusSource};
 use crate::stop_watch::StopWatch;
 
-/// Time between two looks for readers that have joined, and between two status snapshots where nothing
-/// changes.
+/// Interval of checks for new readers, and of status snapshots while nothing changes.
 const REFRESH_EVERY_NS: u64 = 50_000_000;
-/// Longest sleep between two looks at the queues.
+/// Maximum poll interval of the queues.
 const LONGEST_SLEEP_NS: u64 = 1_000_000;
 
-/// A bus that is being opened by the publisher's thread.
+/// A bus that the publisher's thread is opening.
 pub(crate) struct Opening(Receiver<Result<usize, BusError>>);
 
 impl Opening {
-    /// Waits until it is open; how many subscribers came of those that were asked for.
+    /// Waits until the bus is open. Returns the number of requested subscribers that have come.
     ///
     /// # Errors
-    /// It cannot be opened, or not in time.
+    /// The bus cannot be opened, or not in time.
     pub(crate) fn wait(self) -> Result<usize, StartError> {
         match self.0.recv_timeout(BUS_TIMEOUT) {
             Ok(Ok(subscribers)) => Ok(subscribers),
@@ -53,16 +52,17 @@ pub(crate) struct Publisher<S> {
     pub setpoints: Consumer<DueSetpoint>,
     pub periphery: PeripheryTrack,
     pub spindles: SpindleCommands,
-    /// Spindles whose override does not count with the setpoint that has left last.
+    /// Spindles whose override is off with the last published setpoint.
     pub override_off_mask: u32,
-    /// Outputs and inputs of the machine, where it has any.
+    /// Outputs and inputs, if the machine has any.
     pub signals: Option<SignalPort>,
     pub stops: Option<StopWatch>,
     pub status: S,
 }
 
 impl<S: StatusSource> Publisher<S> {
-    /// The body of its thread, with the requested priority and the result of opening the bus.
+    /// Returns the body of the thread, which requests this priority, and the pending result of opening the
+    /// bus.
     pub(crate) fn prepare(
         self,
         request: Option<RealtimeRequest>,
@@ -70,7 +70,7 @@ impl<S: StatusSource> Publisher<S> {
         let (ready, opening) = mpsc::channel();
         let body = move || {
             if let Some(request) = request {
-                // The cycle's thread asks for the same and more, and reports.
+                // The cycle's thread requests the same and more, and reports the result.
                 let _granted = apply_to_this_thread(&request);
             }
             self.run(&ready)
@@ -78,8 +78,8 @@ impl<S: StatusSource> Publisher<S> {
         (body, Opening(opening))
     }
 
-    /// Opens the bus, tells `ready` how that went and how many subscribers came, and publishes until cycle
-    /// and status are over.
+    /// Opens the bus, sends the result and the number of subscribers to `ready`, and publishes until cycle
+    /// and status have ended.
     fn run(mut self, ready: &Sender<Result<usize, BusError>>) -> PublishReport {
         let mut report = PublishReport::default();
         let publishing = &self.publishing;
@@ -110,7 +110,7 @@ impl<S: StatusSource> Publisher<S> {
                 bus.admit_readers();
                 report.observe_listeners(&bus);
                 if let Some(signals) = &mut self.signals {
-                    // Who has joined, and who has lost one, needs the outputs in force.
+                    // A new reader, and one that lost a message, needs the present outputs.
                     signals.send(&mut bus);
                     report.refused_inputs = signals.refused();
                     report.refused_spindles = signals.refused_spindles();
@@ -124,7 +124,7 @@ impl<S: StatusSource> Publisher<S> {
         }
     }
 
-    /// One setpoint, after the outputs that count with it.
+    /// Publishes a setpoint, after the outputs that change with it.
     fn publish(&mut self, bus: &mut CoreBus, report: &mut PublishReport, due: &DueSetpoint) {
         let is_switched = self.periphery.follow(due);
         let outputs = &self.periphery.now().outputs;
@@ -154,9 +154,9 @@ impl<S: StatusSource> Publisher<S> {
         });
     }
 
-    /// What bridges and sensors say.
+    /// Receives the messages of bridges and sensors.
     fn take_in(&mut self, bus: &mut CoreBus, report: &mut PublishReport) {
-        // A bridge of another version is as good as none.
+        // A bridge of another version counts as none.
         while let Ok(Some(feedback)) = bus.unchecked_feedback() {
             report.listeners = report.listeners.max(1);
             self.status.receive(&feedback);
@@ -169,7 +169,7 @@ impl<S: StatusSource> Publisher<S> {
             signals.take_inputs(bus, MonotonicClock::now_ns());
             controls.set_chain_closed(signals.is_chain_closed());
         }
-        // Each counts as a reading, the newest is what the cycle sees.
+        // Each message counts as a reading; the cycle uses the newest.
         while let Ok(Some(load)) = bus.load() {
             controls.set_load(load.value, load.range_max);
         }

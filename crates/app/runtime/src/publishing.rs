@@ -1,4 +1,4 @@
-//! What the publisher knows of the machine: how setpoints become messages.
+//! Conversion of setpoints to messages, and the settings that the publisher needs for it.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -10,12 +10,12 @@ use crate::due_setpoint::DueSetpoint;
 use crate::job::{Clock, Setup};
 use crate::shared::Controls;
 
-/// How long to wait for subscribers that were asked for.
+/// Maximum wait for requested subscribers.
 const SUBSCRIBER_TIMEOUT: Duration = Duration::from_secs(10);
-/// How often a stop is looked for meanwhile.
+/// Poll interval of stop requests during that wait.
 const SUBSCRIBER_POLL: Duration = Duration::from_millis(50);
 
-/// What the publisher needs to know of the machine.
+/// Settings of the machine for the publisher.
 pub(crate) struct Publishing {
     pub config: BusConfig,
     pub lead_cycles: u32,
@@ -27,7 +27,7 @@ pub(crate) struct Publishing {
 }
 
 impl Publishing {
-    /// Of this machine, on the bus of this prefix.
+    /// For this machine, on the bus with this prefix.
     pub(crate) fn new(setup: &Setup, clock: Clock, prefix: Option<&str>, controls: Arc<Controls>) -> Self {
         let machine = &setup.machine;
         let mut config = BusConfig::new(&machine.name, &machine.axis_letters(), setup.period_ns);
@@ -48,13 +48,13 @@ impl Publishing {
         }
     }
 
-    /// A setpoint as it leaves.
+    /// A setpoint as a message.
     pub(crate) fn message(&self, due: &DueSetpoint) -> evolvent_bus::Setpoint {
         let setpoint = &due.setpoint;
         let [position, velocity, acceleration] = due.sent();
         let mut increments = [0; AXES];
         for i in 0..AXES {
-            // The guard has checked the travel, so this fits by far.
+            // The guard has checked the travel, so the value fits.
             increments[i] = (position[i] * self.increments[i]).round() as i64;
         }
         evolvent_bus::Setpoint {
@@ -81,7 +81,7 @@ impl Publishing {
         }
     }
 
-    /// Waits for as many subscribers as were asked for, not beyond a stop.
+    /// Waits for the requested number of subscribers, or until a stop.
     pub(crate) fn await_subscribers(&self, bus: &CoreBus) -> usize {
         let deadline = Instant::now() + SUBSCRIBER_TIMEOUT;
         loop {

@@ -1,4 +1,4 @@
-//! A run computed again from what was recorded of it.
+//! Recomputes a run from its recording.
 
 use std::io;
 use std::iter::Peekable;
@@ -23,48 +23,48 @@ use crate::signal_loop::{ProgramProgress, SignalChange, for_each_change, phase_o
 use crate::spindle_rundown::rest_after;
 use crate::stages::Stages;
 
-/// Looks at the plan before the one who waits sleeps, and for how long: spinning would take the core from the
-/// planner.
+/// Number of polls before a waiting thread sleeps, and the duration of the sleep: spinning would take the
+/// core from the planner.
 const LOOKS: u32 = 64;
 const PATIENCE: Duration = Duration::from_micros(50);
 /// How long the planner sleeps when the queue is full.
 const PLANNER_NAP: Duration = Duration::from_micros(100);
 
-/// The kind of computer that this is, as traces name it.
+/// The kind of computer, as named in traces.
 #[must_use]
 pub fn platform() -> String {
     format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)
 }
 
-/// What came in at one cycle.
+/// Recorded inputs of one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecordedInputs {
     /// The cycle's inputs.
     pub inputs: Inputs,
     /// How late the planner was.
     pub lag: PlannerLag,
-    /// Whether the run went on although its program had ended: for a spindle that slowed down.
+    /// Whether the run continued after the end of its program, for a spindle that slowed down.
     pub runs_on: bool,
 }
 
-/// What computing a run again came to.
+/// Result of recomputing a run.
 #[derive(Debug)]
 pub struct Recomputed {
-    /// Setpoints computed.
+    /// Number of setpoints computed.
     pub cycles: u64,
-    /// The state of the last.
+    /// The state of the last setpoint.
     pub state: State,
-    /// What was wrong with the program: it was planned up to there.
+    /// The error of the program, if any; it was planned up to there.
     pub program: Result<(), ProgramError>,
     /// Largest distance of blends from the programmed path, mm.
     pub deviation_mm: f64,
     /// Largest magnitudes that the guard measured.
     pub extremes: Extremes,
-    /// Outputs that have changed, in order.
+    /// Changes of outputs, in order.
     pub outputs: Vec<SignalChange>,
 }
 
-/// Waits for the planner, which may need every core there is.
+/// Waits for the planner, which may need all cores.
 pub(crate) fn wait_for_planner(mut ready: impl FnMut() -> bool) {
     let mut looks = 0;
     while !ready() {
@@ -77,14 +77,14 @@ pub(crate) fn wait_for_planner(mut ready: impl FnMut() -> bool) {
     }
 }
 
-/// Computes a run again, cycle by cycle, as the virtual clock does. `inputs` gives what came in at each
-/// cycle, `None` to end; `changes` are the recorded changes of digital and analog inputs, in order; `observe`
-/// sees every setpoint, with what the drives are sent where that is something else, and says whether to go
-/// on.
+/// Recomputes a run cycle by cycle, as with the virtual clock. `inputs` returns the recorded inputs of each
+/// cycle, or `None` to end. `changes` are the recorded changes of digital and analog inputs, in order.
+/// `observe` receives every setpoint, and the one sent to the drives if it differs, and returns whether to
+/// continue.
 ///
-/// The setpoints are those of the recorded run, bit for bit, if this program is the same version for the same
-/// kind of processor, however late its planner was (ADR 71), unless a classic planner was starved, whose
-/// progress is not recorded.
+/// The setpoints are those of the recorded run, bit for bit, if this is the same version on the same kind of
+/// processor. This holds however late the planner was (ADR 71), except that a classic planner which was
+/// starved cannot be reproduced, because its progress is not recorded.
 ///
 /// # Errors
 /// The operating system gives no thread.
@@ -116,7 +116,7 @@ pub fn recompute(
         let feeder = thread::Builder::new()
             .name("planner".into())
             .spawn_scoped(scope, move || {
-                // With blocks, as every recorded run: the line of the end is the last block's.
+                // With blocks, as in every recorded run: the line of the end is that of the last block.
                 Feeder::new(program, setup, planner, Vec::new(), true, optional_stop)
                     .turning_by(turnings)
                     .probing_by(probings)
@@ -132,7 +132,7 @@ pub fn recompute(
             }
         }
         abandoned.store(true, Ordering::Release);
-        // The planner sees that its plan is no longer taken.
+        // Tells the planner that its plan is no longer taken.
         let cycles = again.end();
         // A panic of a thread is a bug; it is passed on.
         let (feed, program) = feeder
@@ -149,12 +149,12 @@ pub fn recompute(
     })
 }
 
-/// The cycles of a recorded run, computed again: motion and signals of each.
+/// The cycles of a recorded run, recomputed: motion and signals of each.
 struct CycleReplay<'a> {
     motion: PathExecutor,
     queue: PlanConsumer,
     signals: Signals,
-    /// Where the machine file has any.
+    /// Present if the machine file describes errors of the machine.
     corrections: Option<Corrections>,
     /// Recorded changes of inputs that are still to come.
     changes: Peekable<slice::Iter<'a, SignalChange>>,
@@ -163,9 +163,9 @@ struct CycleReplay<'a> {
     sent: OutputImage,
     of_program: ProgramProgress,
     estopped: bool,
-    /// The next plan will not come.
+    /// The next plan never arrives.
     is_stuck: bool,
-    /// The run went on after the last setpoint although its program had ended.
+    /// The run continued after the last setpoint although its program had ended.
     runs_on: bool,
     last: Option<Setpoint>,
     cycles: u64,
@@ -173,7 +173,7 @@ struct CycleReplay<'a> {
     outputs: Vec<SignalChange>,
 }
 
-/// What the cycles came to.
+/// Result of the recomputed cycles.
 struct CyclesEnded {
     count: u64,
     state: State,
@@ -214,7 +214,8 @@ impl<'a> CycleReplay<'a> {
         }
     }
 
-    /// The next setpoint, and the outputs that change with it. `failed`: the planner has met an error.
+    /// Computes the next setpoint and the outputs that change with it. `failed`: the planner has found an
+    /// error.
     fn step(&mut self, recorded: RecordedInputs, failed: &AtomicBool) -> Setpoint {
         let RecordedInputs {
             mut inputs,
@@ -249,7 +250,7 @@ impl<'a> CycleReplay<'a> {
         self.leave(setpoint, runs_on)
     }
 
-    /// The program has ended, and a spindle slowed down.
+    /// A setpoint after the end of the program, while a spindle slowed down.
     fn rest(&mut self, last: &Setpoint, mut inputs: Inputs, runs_on: bool) -> Setpoint {
         self.enter_signals(&mut inputs);
         let setpoint = rest_after(last);
@@ -258,7 +259,7 @@ impl<'a> CycleReplay<'a> {
     }
 
     fn leave(&mut self, mut setpoint: Setpoint, runs_on: bool) -> Setpoint {
-        // What moves cannot run on.
+        // Only a run at rest can continue after its program.
         self.runs_on = runs_on && setpoint.flags & flags::LAST != 0;
         if self.runs_on {
             setpoint.flags &= !flags::LAST;
@@ -269,7 +270,7 @@ impl<'a> CycleReplay<'a> {
         setpoint
     }
 
-    /// Takes the recorded changes up to this cycle, and what the cycle's inputs get from them.
+    /// Applies the recorded changes up to this cycle to its inputs.
     fn enter_signals(&mut self, inputs: &mut Inputs) {
         while let Some(change) = self.changes.next_if(|change| change.sequence <= self.cycles) {
             change.enter(&mut self.image);
@@ -277,12 +278,12 @@ impl<'a> CycleReplay<'a> {
         }
         inputs.probe = self.signals.take_probe();
         inputs.spindle = self.signals.spindle_at(self.cycles);
-        // As in the run: before the first inputs the chain is none that is open.
+        // As in the run: before the first inputs the chain does not count as open.
         self.estopped |= self.signals.is_estop_open();
     }
 
-    /// Whether the wait for an input, which the recorded run left here, is over. A trace that says otherwise
-    /// differs; nothing waits for it.
+    /// Whether the wait for an input, which the recorded run left here, is over. A trace that contradicts
+    /// this differs; nothing waits for it.
     fn can_resume(&mut self) -> bool {
         let is_over = self.signals.is_over();
         if is_over {
@@ -306,7 +307,7 @@ impl<'a> CycleReplay<'a> {
         self.sent = image;
     }
 
-    /// What the drives are sent for a setpoint, where that is something else.
+    /// The setpoint sent to the drives, if it differs.
     fn correct(&mut self, setpoint: &Setpoint) -> Option<Jet> {
         let inputs = self.signals.inputs();
         let corrections = self.corrections.as_mut()?;

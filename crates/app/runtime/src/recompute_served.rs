@@ -1,4 +1,4 @@
-//! What a served machine did, computed again job by job from what was recorded of it.
+//! Recomputes the jobs of a served machine from their recording.
 
 use std::collections::VecDeque;
 use std::io;
@@ -22,16 +22,16 @@ use crate::signal_loop::SignalChange;
 use crate::signal_replay::{OutputDifference, SignalReplay};
 use crate::switches::{Switched, Switching};
 
-/// Time between two looks whether a job's first pieces are planned.
+/// Poll interval for the first planned pieces of a job.
 const POLL_INTERVAL: Duration = Duration::from_micros(200);
 
-/// Why a job cannot be computed again.
+/// Why a job cannot be recomputed.
 #[derive(Debug, thiserror::Error)]
 pub enum ServedError {
-    /// The operating system gives no thread.
+    /// The operating system cannot start a thread.
     #[error("no thread for the planner: {0}")]
     Thread(#[from] io::Error),
-    /// The steered motion has no solution any more.
+    /// The steered motion no longer has a solution.
     #[error("the motion cannot be solved again: {0}")]
     Transfer(#[from] TransferError),
     /// The job does not begin where the axes are.
@@ -39,10 +39,10 @@ pub enum ServedError {
     Place,
 }
 
-/// What moved the axes at a cycle.
+/// The source of motion in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Moved {
-    /// Nothing, or each axis was stopping by itself; with the state that was recorded.
+    /// Nothing, or each axis was stopping on its own; with the recorded state.
     ByNothing(State),
     /// A job along a plan.
     ByPlan(RecordedInputs),
@@ -50,12 +50,12 @@ pub enum Moved {
     Away {
         /// Inputs of the plan.
         plan: RecordedInputs,
-        /// Whether the motion of the axes was told to stop.
+        /// Whether the motion of the axes received a stop.
         stop: bool,
     },
-    /// A jog or homing; whether it was told to stop.
+    /// A jog or homing.
     ByTransfer {
-        /// It was.
+        /// Whether it received a stop.
         stop: bool,
     },
 }
@@ -69,26 +69,26 @@ enum ActiveJob {
     TransferExecutor(Box<TransferExecutor>),
 }
 
-/// A served machine again, setpoint by setpoint, as its cycle went.
+/// A served machine, recomputed setpoint by setpoint.
 pub struct ServedAgain {
     station: MachineState,
     limits: Limits,
     period_ns: u64,
     work: ActiveJob,
-    /// What was wrong with the text of the last program.
+    /// The error in the text of the last program.
     complaint: Option<ProgramError>,
-    /// Outputs and inputs, where the machine has any.
+    /// Outputs and inputs, if the machine has any.
     signals: Option<SignalReplay>,
     corrections: Option<Corrections>,
     /// The driven path of the program, and the excursion from it.
     driven: DrivenPath,
     excursion: Option<Excursion>,
-    /// What the drives were sent with the last setpoint.
+    /// The last setpoint sent to the drives, if known.
     corrected: Option<Jet>,
 }
 
 impl ServedAgain {
-    /// At rest where the machine file says.
+    /// At rest at the position in the machine file.
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64) -> Self {
         Self {
@@ -105,21 +105,21 @@ impl ServedAgain {
         }
     }
 
-    /// With the corrections of this machine.
+    /// Adds the corrections of this machine.
     #[must_use]
     pub fn with_corrections(mut self, machine: &Machine) -> Self {
         self.corrections = Corrections::new(machine, self.period_ns, self.limits.home);
         self
     }
 
-    /// What the drives were sent with the last setpoint, where that is something else and known: in which
-    /// directions the axes had moved is recorded by the motions alone, so it is lost with a gap.
+    /// The last setpoint sent to the drives, if it differs and is known. It depends on the directions in
+    /// which the axes moved before, so it is unknown after a gap in the trace.
     #[must_use]
     pub fn corrected(&self) -> Option<&Jet> {
         self.corrected.as_ref()
     }
 
-    /// With these outputs and inputs, and their recorded changes, in order.
+    /// Adds the machine's outputs and inputs, with the recorded changes in order.
     #[must_use]
     pub fn with_signals(mut self, setup: &Setup, changes: &[SignalChange]) -> Self {
         let settings = &setup.machine.signals;
@@ -135,7 +135,7 @@ impl ServedAgain {
         self
     }
 
-    /// How many outputs programs have set otherwise than recorded, and the first of them.
+    /// Number of outputs that programs have set differently from the recording, and the first of them.
     #[must_use]
     pub fn output_differences(&self) -> (u64, Option<OutputDifference>) {
         self.signals.as_ref().map_or((0, None), SignalReplay::differences)
@@ -147,19 +147,19 @@ impl ServedAgain {
         self.station.sequence()
     }
 
-    /// Whether a job is under way.
+    /// Whether a job is in progress.
     #[must_use]
     pub fn is_at_work(&self) -> bool {
         !matches!(self.work, ActiveJob::None)
     }
 
-    /// Whether the axes rest.
+    /// Whether the axes are at rest.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         !self.is_at_work() && self.station.is_at_rest()
     }
 
-    /// The axes have these coordinates from here on, within this travel.
+    /// Gives the axes these coordinates from here on, with this travel.
     pub fn relocate(&mut self, travel: (Axes, Axes), position: Axes) {
         let limits = self.within(travel);
         if self.station.position() != position
@@ -170,7 +170,7 @@ impl ServedAgain {
         self.station.relocate(limits, position);
     }
 
-    /// The next job has this travel. Where the axes do not rest, nothing changes.
+    /// Sets the travel of the next job. No effect unless the axes are at rest.
     pub fn begin_within(&mut self, travel: (Axes, Axes)) {
         if self.is_at_rest() {
             let limits = self.within(travel);
@@ -178,7 +178,7 @@ impl ServedAgain {
         }
     }
 
-    /// Goes on at rest elsewhere: what was before is not known.
+    /// Continues at rest at another position; what happened in between is unknown.
     pub fn place_at(&mut self, travel: (Axes, Axes), sequence: u64, position: Axes, path_mm: f64) {
         self.end_work();
         (self.corrections, self.corrected) = (None, None);
@@ -194,8 +194,8 @@ impl ServedAgain {
         }
     }
 
-    /// The next setpoint is the first of this program, whose text is in `file`; `switched` is what was
-    /// switched while it was read.
+    /// Starts a program, whose text is in `file`, with the next setpoint. `switched` lists the changes of
+    /// switches while it was read.
     ///
     /// # Errors
     /// [`ServedError`].
@@ -217,7 +217,7 @@ impl ServedAgain {
             switches: start.switches,
             switching: Switching::Recorded(switched),
             numbered_from: start.numbered_from,
-            // Blocks are reported as in the recorded run: the line of the end is the last block's.
+            // Blocks are reported as in the recorded run: the line of the end is that of the last block.
             recorder: Some(std::sync::mpsc::channel().0),
             subroutines: String::new(),
             carries_out: false,
@@ -240,7 +240,7 @@ impl ServedAgain {
         Ok(())
     }
 
-    /// The next setpoint is the first of this motion, or of its turn.
+    /// Starts this motion, or changes to it, with the next setpoint.
     ///
     /// # Errors
     /// [`ServedError`].
@@ -278,8 +278,8 @@ impl ServedAgain {
         if counts { Ok(()) } else { Err(ServedError::Place) }
     }
 
-    /// The next setpoint is the first of a motion along the driven path of the held program: backwards by
-    /// `back` block starts, for 0 forwards to its end.
+    /// Starts a motion along the driven path of the held program with the next setpoint: backwards by `back`
+    /// block starts, or for 0 forwards to its end.
     ///
     /// # Errors
     /// [`ServedError`].
@@ -299,8 +299,8 @@ impl ServedAgain {
         }
     }
 
-    /// The next setpoint; `feed_override` is the one it shows where nothing follows a plan. `None` where what
-    /// moved the axes is not known here.
+    /// Computes the next setpoint; `feed_override` is the one that it shows if nothing follows a plan. `None`
+    /// if the source of motion is unknown here.
     pub fn step(&mut self, moved: &Moved, feed_override: f64) -> Option<Setpoint> {
         let sequence = self.station.sequence();
         if let Some(signals) = &mut self.signals {
@@ -327,7 +327,7 @@ impl ServedAgain {
         match (moved, &mut self.work) {
             (Moved::ByNothing(state), work) => {
                 if !matches!(work, ActiveJob::None) || !self.station.is_at_rest() {
-                    // Does nothing where the axes are stopping by themselves.
+                    // No effect if the axes are already stopping on their own.
                     self.station.emergency();
                     self.end_work();
                 }
@@ -369,7 +369,7 @@ impl ServedAgain {
         }
     }
 
-    /// One setpoint of an excursion.
+    /// Computes one setpoint of an excursion.
     fn move_away(&mut self, recorded: &RecordedInputs, stop: bool) -> Option<Setpoint> {
         let (ActiveJob::Plan { job, .. }, Some(mut excursion)) = (&mut self.work, self.excursion.take())
         else {
@@ -401,7 +401,7 @@ impl ServedAgain {
         }
     }
 
-    /// What was wrong with the text of the program that ended last, as far as its planner had come.
+    /// The error in the text of the program that ended last, as far as its planner had read.
     pub fn take_complaint(&mut self) -> Option<ProgramError> {
         self.complaint.take()
     }
@@ -412,7 +412,7 @@ impl ServedAgain {
             planning.abandon();
             drop(job);
             if let Some(signals) = &mut self.signals {
-                // A planner that waits for an input sees that none is reported.
+                // A planner that waits for an input sees that none is reported any more.
                 signals.end_program();
             }
             let result = loop {

@@ -1,4 +1,4 @@
-//! The recorder's thread: cycles, events and blocks into the trace.
+//! The recorder's thread: writes cycles, events and blocks to the trace.
 
 mod lines;
 mod tracks;
@@ -23,43 +23,43 @@ use crate::shared::Controls;
 use crate::signal_recorder::SignalRecorder;
 use evolvent_control::Alarm;
 
-/// Nothing older than this is lost by a crash.
+/// A crash loses at most the data of this time.
 const FLUSH_EVERY: Duration = Duration::from_millis(250);
-/// Codes of the events of a turning cycle's states begin after this.
+/// Codes of the events of turning states are greater than this.
 const TURNING_STATES: u32 = 100;
-/// How long the last news of a feeder are waited for.
+/// Maximum wait for the last events of a feeder.
 const LAST_NEWS: Duration = Duration::from_secs(10);
-/// Time between two looks at an empty queue.
+/// Poll interval of an empty queue.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Records one run.
 pub(crate) struct Recording {
     pub recorder: Recorder,
     pub queue: Consumer<CycleSample>,
-    /// Inputs and outputs that change, where the machine has any.
+    /// Changes of inputs and outputs, if the machine has any.
     pub signals: Option<SignalRecorder>,
     pub lines: RecorderLines,
     pub on_full: OnFull,
     pub controls: Arc<Controls>,
     pub program: PathBuf,
-    /// How the trace goes on in further files; none for a single one.
+    /// How the trace continues in further files; `None` for a single file.
     pub further: Option<Further>,
 }
 
 /// The files of a trace after the first.
 pub(crate) struct Further {
     pub series: TraceSeries,
-    /// What each says of itself.
+    /// Information that each file contains.
     pub info: RunInfo,
-    /// For whoever decides when the next one begins.
+    /// Read by the thread that decides when the next file begins.
     pub progress: Arc<FileProgress>,
-    /// Files that are being finished.
+    /// Threads that finish earlier files.
     pub finishing: Vec<JoinHandle<Result<PathBuf, RecordError>>>,
 }
 
 impl Further {
-    /// Goes on in the next file; the present one is finished by a thread of its own, because its index and
-    /// the disk take time.
+    /// Continues in the next file. A separate thread finishes the present one, because its index and the disk
+    /// take time.
     fn go_on(&mut self, recorder: &mut Recorder, sequence: u64) -> Result<(), RecordError> {
         let path = self.series.file_of_now();
         self.info
@@ -78,11 +78,11 @@ impl Further {
                     ("continued_in".to_owned(), path.display().to_string()),
                 ]);
                 let result = old.finish(&summary);
-                // The next file reports a folder that cannot be read.
+                // If the folder cannot be read, creating the next file reports it.
                 let _left = series.trim(&path);
                 result
             });
-        // Without a thread it stays a part file, which the next start recovers.
+        // Without a thread the file stays a part file, which the next start recovers.
         self.finishing.extend(finished.ok());
         self.finishing.retain(|thread| !thread.is_finished());
         Ok(())
@@ -97,7 +97,7 @@ pub(crate) struct RecorderLines {
 }
 
 impl RecorderLines {
-    /// Theirs and the ends of whoever is recorded.
+    /// Both ends of the channels.
     pub(crate) fn new() -> (Self, RecordedLines) {
         let (news_sender, news) = mpsc::channel();
         let (closing_sender, closing) = mpsc::channel();
@@ -116,34 +116,34 @@ impl RecorderLines {
     }
 }
 
-/// The ends of whoever is recorded.
+/// The other ends of the recorder's channels.
 pub(crate) struct RecordedLines {
-    /// What planners have read.
+    /// Events of planners.
     pub news: Sender<FeederEvent>,
-    /// How the trace ends, once no more news is sent.
+    /// How the trace ends, once no more events are sent.
     pub closing: Sender<Closing>,
-    /// Why the trace has ended early, as soon as it has.
+    /// The error that ended the trace early, as soon as it occurs.
     pub failures: Receiver<RecordError>,
 }
 
-/// What the trace says of the run as a whole, at its end.
+/// Data about the whole run for the end of the trace.
 pub(crate) struct Closing {
     /// Names and values of the metadata.
     pub summary: BTreeMap<String, String>,
-    /// Why the run ended early: number and text.
+    /// The alarm that ended the run early: number and text.
     pub alarm: Option<(Alarm, String)>,
 }
 
-/// What became of the trace.
+/// Result of the recording.
 pub(crate) struct RecordReport {
     pub result: Result<PathBuf, RecordError>,
-    /// Records that came after the trace had failed.
+    /// Number of records that came after the trace had failed.
     pub lost: u64,
 }
 
 impl Recording {
-    /// Records until the cycle has gone and the queue is empty, then finishes the file with what its closing
-    /// brings.
+    /// Records until the cycle has ended and the queue is empty, then finishes the file with the data of
+    /// [`Closing`].
     pub(crate) fn run(self, period_ns: u64) -> RecordReport {
         let mut underway = RecordingUnderway {
             tracks: Tracks::new(&self.program, period_ns),
@@ -173,19 +173,19 @@ impl Recording {
 struct RecordingUnderway {
     recording: Recording,
     tracks: Tracks,
-    /// Why nothing more is recorded.
+    /// The error after which nothing is recorded.
     failure: Option<RecordError>,
-    /// Samples that came after that.
+    /// Number of samples after that error.
     lost: u64,
     flushed: Instant,
-    /// When the last sample was due.
+    /// Due time of the last sample.
     last_ns: u64,
     /// The next file begins after this setpoint.
     next_file: Option<u64>,
 }
 
 impl RecordingUnderway {
-    /// Records what is in the queue. Returns the number of samples.
+    /// Records the samples in the queue. Returns their number.
     fn drain_queue(&mut self) -> usize {
         let mut count = 0;
         while let Ok(sample) = self.recording.queue.pop() {
@@ -200,7 +200,7 @@ impl RecordingUnderway {
                 self.fail(error);
                 continue;
             }
-            // What an action is called was told before the action went into the plan.
+            // Notices of an action were sent before the action was added to the plan.
             let news = sample.actions > self.tracks.actions || sample.blocks_begun() > self.tracks.blocks;
             if count % 256 == 1 || news {
                 self.take_news();
@@ -214,7 +214,7 @@ impl RecordingUnderway {
         count
     }
 
-    /// Goes on in the next file where one was ordered and `cycle` is the first of it.
+    /// Continues in the next file if one was ordered and `cycle` is its first.
     fn begin_file_when_due(&mut self, cycle: &CycleRecord) -> Result<(), RecordError> {
         let Recording {
             recorder,
@@ -238,7 +238,7 @@ impl RecordingUnderway {
         }
     }
 
-    /// Takes the news there are. What follows the order for a new file is for that file.
+    /// Takes the pending events. Those after the order for a new file belong to that file.
     fn take_news(&mut self) {
         while self.next_file.is_none()
             && let Ok(news) = self.recording.lines.news.try_recv()
@@ -278,14 +278,14 @@ impl RecordingUnderway {
         }
     }
 
-    /// Stops the motion that can no longer be recorded, where the machine file says so.
+    /// Stops the motion that can no longer be recorded, if the machine file says so.
     fn stop_if_configured(&self) {
         if self.recording.on_full == OnFull::Stop {
             self.recording.controls.stop();
         }
     }
 
-    /// Records nothing more, and tells whoever is recorded why.
+    /// Ends the recording and reports the reason.
     fn fail(&mut self, error: RecordError) {
         let _gone = self.recording.lines.failed.send(error.clone());
         self.failure = Some(error);
@@ -298,8 +298,8 @@ impl RecordingUnderway {
             further,
             ..
         } = self.recording;
-        // The feeder ends soon after the cycle, and with it the news; one that hangs in a file system is not
-        // waited for.
+        // The feeder ends soon after the cycle, and its events with it. A feeder that hangs in a file system
+        // is not awaited.
         while let Ok(news) = lines.news.recv_timeout(LAST_NEWS) {
             self.tracks.receive(news);
         }
@@ -314,7 +314,7 @@ impl RecordingUnderway {
             Some(error) => Err(error),
         };
         for thread in further.into_iter().flat_map(|further| further.finishing) {
-            // What failed there is a part file, which the next start recovers.
+            // A file that fails here is a part file, which the next start recovers.
             let _result = thread.join();
         }
         RecordReport {

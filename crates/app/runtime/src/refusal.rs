@@ -1,4 +1,4 @@
-//! What the machine has against a line of a program, as a diagnostic with its place.
+//! The machine's objections to a line of a program, as diagnostics with a position.
 
 use std::fmt::Display;
 use std::io::{BufRead, BufReader};
@@ -8,7 +8,7 @@ use evolvent_config::open_regular;
 use evolvent_gcode::{Code, Command, Diagnostic};
 use evolvent_planner::PlanError;
 
-/// Why a program cannot be run to its end.
+/// Why a program cannot run to its end.
 #[derive(Debug, thiserror::Error)]
 pub enum ProgramError {
     /// The file cannot be read.
@@ -16,21 +16,21 @@ pub enum ProgramError {
     Read {
         /// The file.
         file: String,
-        /// Why not.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The text is wrong.
+    /// The text has an error.
     #[error("{}", .diagnostic.render(.file))]
     Text {
         /// The file.
         file: String,
-        /// What and where.
+        /// The error and its position.
         diagnostic: Box<Diagnostic>,
     },
 }
 
-/// A diagnostic about a command's line: `build` gets the file and the line in it, which are those of a
-/// subroutine where the command comes from one. The calls that lead there are named.
+/// A diagnostic about a command's line. `build` receives file and line, which are those of a subroutine if
+/// the command comes from one. The diagnostic lists the calls that lead there.
 pub(crate) fn at_origin(
     command: &Command,
     program: &Path,
@@ -46,13 +46,13 @@ pub(crate) fn at_origin(
     diagnostic
 }
 
-/// Something that cannot be done in this line.
+/// A diagnostic about a line that cannot be carried out.
 pub(crate) fn about_line(message: String, program: &Path, line: u32) -> Diagnostic {
     let text = line_text(program, line).unwrap_or_default();
     Diagnostic::about_line(Code::MissingAbility, line, &text, None, message)
 }
 
-/// The same with what to do about it.
+/// The same with a remedy.
 pub(crate) fn about_line_with(
     message: String,
     help: Option<String>,
@@ -64,19 +64,19 @@ pub(crate) fn about_line_with(
     diagnostic
 }
 
-/// A turning cycle that does not fit, with its place.
+/// A turning cycle that does not fit, with its position.
 pub(crate) fn cannot_turn(what: String, program: &Path, line: u32) -> Diagnostic {
     let text = line_text(program, line).unwrap_or_default();
     Diagnostic::about_line(Code::MoveRefused, line, &text, Some('Q'), what)
 }
 
-/// A refused move with its place.
+/// A rejected move with its position.
 pub(crate) fn explain<E: Display>(error: &PlanError<E>, program: &Path, line: u32) -> Diagnostic {
     let (code, letter) = match error {
         PlanError::Travel { axis, .. } => (Code::BeyondTravel, Some(axis.letter())),
         _ => (Code::MoveRefused, None),
     };
-    // The planner is behind the line that is being read.
+    // The planner lags behind the line that is being read.
     let line = match error {
         PlanError::NoMotion { line } if *line > 0 => *line,
         _ => line,
@@ -85,7 +85,7 @@ pub(crate) fn explain<E: Display>(error: &PlanError<E>, program: &Path, line: u3
     Diagnostic::about_line(code, line, &text, letter, error.to_string())
 }
 
-/// The text of one line of a file; empty where there is none.
+/// The text of one line of a file; empty if it does not exist.
 fn line_text(program: &Path, line: u32) -> std::io::Result<Vec<u8>> {
     let mut reader = BufReader::new(open_regular(program)?);
     let mut bytes = Vec::new();

@@ -1,8 +1,8 @@
-//! What the real-time threads ask of the operating system: scheduler, core, locked memory, absolute
+//! Services of the operating system for real-time threads: scheduler, core, locked memory, absolute
 //! deadlines.
 //!
 //! The only module of this crate with `unsafe`. Nothing here fails a run: what is not permitted is left out
-//! and told in a note that says how to permit it.
+//! and reported in a note that says how to permit it.
 
 use core::num::NonZeroU64;
 use rustix::io::Errno;
@@ -15,7 +15,7 @@ use std::io::Write;
 
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// Stack touched before the loop starts, so that no page fault comes later.
+/// Size of the stack that is touched before the loop starts, so that no page fault occurs later.
 const PREFAULT_BYTES: usize = 256 * 1024;
 
 /// The clock of every deadline: `CLOCK_MONOTONIC` in integer ns.
@@ -30,8 +30,8 @@ impl MonotonicClock {
         now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
     }
 
-    /// Sleeps until a moment of this clock, at once if it has passed. Returns the lateness of the wake-up in
-    /// ns.
+    /// Sleeps until a moment of this clock; returns at once if it has passed. Returns the lateness of the
+    /// wake-up in ns.
     ///
     /// The cycle may call it: one system call, no allocation. Signals do not shorten it.
     #[must_use]
@@ -46,27 +46,27 @@ impl MonotonicClock {
     }
 }
 
-/// What a thread asks for.
+/// Privileges that a thread requests.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RealtimeRequest {
-    /// Priority under `SCHED_FIFO`, 1 to 99; none leaves the normal scheduler.
+    /// Priority under `SCHED_FIFO`, 1 to 99; `None` for the normal scheduler.
     pub priority: Option<u8>,
-    /// The core to be pinned to.
+    /// The core to pin the thread to.
     pub core: Option<usize>,
-    /// Whether the whole process keeps its memory, now and later, in RAM.
+    /// Whether to lock the memory of the whole process, present and future, in RAM.
     pub lock_memory: bool,
 }
 
-/// What a thread got.
+/// Privileges that a thread received.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RealtimeGranted {
-    /// Priority under `SCHED_FIFO`; none on the normal scheduler.
+    /// Priority under `SCHED_FIFO`; `None` for the normal scheduler.
     pub priority: Option<u8>,
     /// The core it is pinned to.
     pub core: Option<usize>,
     /// Whether the process's memory is locked.
     pub memory_locked: bool,
-    /// What was asked for and not granted, and what to do about it; empty if all was granted.
+    /// Requests that were not granted, with remedies; empty if all were granted.
     pub notes: Vec<String>,
 }
 
@@ -102,7 +102,8 @@ pub fn apply_to_this_thread(request: &RealtimeRequest) -> RealtimeGranted {
 }
 
 fn lock_memory() -> Result<(), String> {
-    // Under a finite limit the lock would be granted now and later allocations be refused: worse than none.
+    // Under a finite limit the lock would be granted now and later allocations would fail, which is worse
+    // than no lock.
     let limit = getrlimit(Resource::Memlock).current;
     let may_exceed = capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
     if let (Some(bytes), false) = (limit, may_exceed) {
@@ -159,7 +160,7 @@ fn set_class(class: libc::c_int, priority: u8) -> std::io::Result<()> {
     let parameters = libc::sched_param {
         sched_priority: i32::from(priority),
     };
-    // Threads that this one starts shall not inherit its class.
+    // Threads that this one starts must not inherit its class.
     let policy = class | libc::SCHED_RESET_ON_FORK;
     // SAFETY: thread 0 is the calling one; the parameters live until the call returns and are only read.
     let result = unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) };
@@ -169,49 +170,48 @@ fn set_class(class: libc::c_int, priority: u8) -> std::io::Result<()> {
     Err(std::io::Error::last_os_error())
 }
 
-/// Priority of a thread that people wait for: below whatever serves a machine.
+/// Priority of a thread with interactive work: below every thread of the motion.
 const PROMPT: u8 = 1;
 
-/// Lets the calling thread run before all threads of the normal scheduler, where that is permitted; else
-/// sooner than others of it. What takes long belongs to another thread.
+/// Gives the calling thread precedence over all threads of the normal scheduler, if permitted; otherwise over
+/// most of them. Long work belongs to another thread.
 pub(crate) fn raise_priority() {
     if set_class(libc::SCHED_FIFO, PROMPT).is_err() {
         hurry();
     }
 }
 
-/// How much sooner than others a thread of the normal scheduler that people wait for is let run.
+/// Nice value of an interactive thread on the normal scheduler.
 const HURRY: i32 = -10;
 
-/// Lets the calling thread run sooner than others of the normal scheduler, where that is permitted. Threads
-/// that it starts inherit that; see [`take_turns`].
+/// Gives the calling thread precedence on the normal scheduler, if permitted. Threads that it starts inherit
+/// this; see [`take_turns`].
 fn hurry() {
-    // Without the permission it waits its turn.
+    // Without the permission the priority stays normal.
     let _denied = set_nice(HURRY);
     let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
 }
 
-/// Takes that back, in the calling thread.
+/// Restores normal precedence for the calling thread.
 pub(crate) fn take_turns() {
     let _allowed = set_nice(0);
 }
 
 fn set_nice(nice: i32) -> rustix::io::Result<()> {
-    // Linux keeps it per thread.
+    // Linux keeps the value per thread.
     setpriority_process(Some(rustix::thread::gettid()), nice)
 }
 
-/// Blocks of this size and above get pages of their own, bytes.
+/// Minimum size of blocks with their own pages, bytes.
 #[cfg(target_env = "gnu")]
 const LARGE_BLOCK: libc::c_int = 256 * 1024;
 
-/// Lets large blocks have pages of their own, which go back when they are freed, and keeps those of small
-/// ones. To be called before other threads are started.
+/// Gives large blocks their own pages, which are returned when they are freed, and keeps the pages of small
+/// blocks. Call it before other threads start.
 ///
-/// Each job takes the same queues and grids again, of up to 12 MB. Of one heap with everything else, whose
-/// memory is locked, they would leave holes; once something small that stays has come to lie in one of them,
-/// the next job's block no longer fits, and the heap grows. Large blocks come and go with jobs, while the
-/// axes are at rest.
+/// Each job allocates the same queues and grids again, up to 12 MB. In a common heap, whose memory is locked,
+/// they would leave holes. Once a small long-lived block is in such a hole, the next job's block no longer
+/// fits, and the heap grows. Large blocks are allocated and freed with jobs, while the axes are at rest.
 pub(crate) fn separate_large_blocks() {
     #[cfg(target_env = "gnu")]
     {
@@ -232,17 +232,17 @@ fn prefault_stack() {
     std::hint::black_box(&stack);
 }
 
-/// Keeps the processor out of deep sleep states for as long as it lives.
+/// Keeps the processor out of deep sleep states until it is dropped.
 #[derive(Debug)]
 pub struct LowLatencyHold {
     _file: File,
 }
 
 impl LowLatencyHold {
-    /// Asks the kernel for wake-ups without delay.
+    /// Requests wake-ups without delay from the kernel.
     ///
     /// # Errors
-    /// A note for the user where it is not permitted.
+    /// A note for the user if this is not permitted.
     pub fn acquire() -> Result<Self, String> {
         const PATH: &str = "/dev/cpu_dma_latency";
         let open = || -> std::io::Result<File> {
@@ -258,10 +258,10 @@ impl LowLatencyHold {
     }
 }
 
-/// Bytes free and in total on the file system of a path.
+/// Free and total bytes of the file system of a path.
 ///
 /// # Errors
-/// The operating system's.
+/// The error of the operating system.
 pub(crate) fn file_system_bytes(path: &core::ffi::CStr) -> std::io::Result<(u64, u64)> {
     let mut facts = core::mem::MaybeUninit::<libc::statvfs>::zeroed();
     // SAFETY: the path ends with a zero byte, and the pointer is to memory for the whole struct.

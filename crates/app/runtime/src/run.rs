@@ -1,4 +1,4 @@
-//! One run: threads started, joined, and summed up.
+//! One run: starts the threads, joins them, and sums up.
 
 use std::sync::Arc;
 use std::sync::mpsc;
@@ -27,20 +27,20 @@ use crate::signal_ends::SignalEnds;
 use crate::start_error::StartError;
 use crate::summary::{Outcome, Summary, late_for_nobody};
 
-/// What became of a run.
+/// Result of a run.
 #[derive(Debug)]
 pub struct RunOutcome {
-    /// The figures.
+    /// The summary.
     pub summary: Summary,
-    /// What was wrong with the program: it was run up to there.
+    /// The error of the program, if any; it was run up to there.
     pub program: Result<(), ProgramError>,
-    /// What was wrong with the trace.
+    /// The error of the trace, if any.
     pub trace_error: Option<RecordError>,
-    /// What the guard refused.
+    /// The fault that stopped the run, if any.
     pub fault: Option<String>,
-    /// The simulated workpiece as the run has left it, where there is one.
+    /// The simulated workpiece after the run, if there is one.
     pub process: Option<SimulatedProcess>,
-    /// What the program has left of tools and parameters, if it was read to its end.
+    /// Tools and parameters after the program, if it was read to its end.
     pub left: Option<ProgramMemory>,
 }
 
@@ -71,7 +71,7 @@ pub fn run(
     run_seen(job, controls, observer, |seen| observe(seen.setpoint))
 }
 
-/// The same; `observe` also sees what turning cycles and the simulated workpiece do.
+/// Like [`run`]; `observe` also receives turning cycles and the simulated workpiece.
 ///
 /// # Errors
 /// The run could not be started; nothing has moved.
@@ -99,7 +99,7 @@ pub fn run_seen(
             start_unix_ns: unix_ns(),
         };
 
-        // The bus first: what fails should fail before anything is planned.
+        // The bus is opened first: what fails should fail before anything is planned.
         let publisher = setpoints
             .map(|setpoints| threads.start_publisher(setpoints, signals.port, planned_periphery))
             .transpose()?;
@@ -153,7 +153,7 @@ pub fn run_seen(
             not_carried_out: carrier.and_then(join),
             published: publisher.map(join).unwrap_or_default(),
         };
-        // What the other threads have told at their end.
+        // Events that the other threads sent at their end.
         looking_on.until(observer, || true);
         notes.extend(looking_on.told_of_drives().map(str::to_owned));
         let (mut outcome, alarm) = ended.sum_up(job, observer, notes);
@@ -168,17 +168,17 @@ pub fn run_seen(
     })
 }
 
-/// What the threads have left, but for the recorder, who waits for the sum.
+/// Results of all threads except the recorder, which waits for the summary.
 struct Ended {
     report: RunReport,
     fed: Fed,
-    /// Why a user-defined M code was not carried out.
+    /// The reason why a user-defined M code was not carried out.
     not_carried_out: Option<String>,
     published: PublishReport,
 }
 
 impl Ended {
-    /// The outcome but for the trace, and why the run ended early.
+    /// The outcome without the trace, and the alarm that ended the run early.
     fn sum_up(
         self,
         job: &Job,
@@ -199,7 +199,7 @@ impl Ended {
             (None, Err(error)) if report.now.program_failed => Some((Alarm::Program, error.to_string())),
             _ => None,
         };
-        // Without the bus nothing was late for anybody but the cycle itself.
+        // Without the bus only the cycle itself counts late setpoints.
         let late = published.late.max(report.counts.late_cycles);
         let mut summary = report.summarise(job, &feed, late, notes);
         summary.dropped_setpoints += published.failed;
@@ -230,7 +230,7 @@ impl Ended {
     }
 }
 
-/// What `run` has no operator for.
+/// Rejects jobs that need an operator, whom `run` does not have.
 fn refuse_what_cannot_run(job: &Job) -> Result<(), StartError> {
     let machine = &job.setup.machine;
     if job.bus && job.is_realtime() && machine.drives.feedback == FeedbackMode::Required {
@@ -242,7 +242,7 @@ fn refuse_what_cannot_run(job: &Job) -> Result<(), StartError> {
     Ok(())
 }
 
-/// What the user should know of what was passed over.
+/// Notes about what the run passed over.
 fn notes_of(job: &Job, report: &RunReport, feed: &FeedReport) -> impl Iterator<Item = String> {
     let passed = report.now.program_stops_passed;
     let (skipped, executed) = feed.block_delete_lines;
@@ -269,7 +269,7 @@ fn notes_of(job: &Job, report: &RunReport, feed: &FeedReport) -> impl Iterator<I
     .flatten()
 }
 
-/// What became of tool changes that were not carried out.
+/// Note about tool changes that were not carried out.
 fn tool_change_note(job: &Job, changes: u64) -> Option<String> {
     let changer = job.setup.machine.program.tool_change;
     let (many, verb) = match changes {
@@ -278,7 +278,7 @@ fn tool_change_note(job: &Job, changes: u64) -> Option<String> {
         changes => (format!("{changes} tool changes (M6)"), "were"),
     };
     match (job.clock, changer) {
-        // Its moves, outputs and inputs are those of the run.
+        // Its moves, outputs and inputs are part of the run.
         (_, ToolChange::Subroutine) => None,
         (_, ToolChange::None) => Some(format!(
             "{many} {verb} counted as done and nothing was changed: program.tool_change is \"none\" in the \
@@ -289,7 +289,7 @@ fn tool_change_note(job: &Job, changes: u64) -> Option<String> {
     }
 }
 
-/// A panic of a thread is a bug; it is passed on rather than turned into a wrong summary.
+/// A panic of a thread is a bug; it is passed on instead of producing a wrong summary.
 fn join<T>(handle: thread::ScopedJoinHandle<'_, T>) -> T {
     handle
         .join()

@@ -1,4 +1,4 @@
-//! What a trace says of the run that it records.
+//! Information in a trace about the run that it records.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,13 +8,13 @@ use evolvent_trace::{ProgramSource, RunInfo, configuration_hash};
 
 use crate::job::{Clock, Job, Setup};
 
-/// Names of the attachments with what the program found.
+/// Names of the attachments with the program's tools and parameters.
 const TOOLS: &str = "tools.tbl";
 const PARAMETERS: &str = "parameters.var";
-/// Names of attached tables of screw errors begin with this.
+/// Prefix of the names of attached tables of screw errors.
 pub const TABLES: &str = "tables/";
 
-/// What is recorded: one program, or whatever a served machine does.
+/// The source of a recording: one program, or a served machine.
 pub(crate) enum RunSource<'a> {
     Job(&'a Job),
     Served,
@@ -31,7 +31,7 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
             name(&job.program),
             ProgramSource::File(job.program.clone()),
             job.clock,
-            // What the run depends on beside program and machine file, for computing it again.
+            // Inputs of the run besides program and machine file, for recomputation.
             BTreeMap::from([
                 ("feed_override".to_owned(), job.feed_override.to_string()),
                 ("optional_stop".to_owned(), job.optional_stop.to_string()),

@@ -1,4 +1,4 @@
-//! What a run's cycle leaves, and the figures that are made of it.
+//! Results of a run's cycle, and the figures computed from them.
 
 use evolvent_control::Alarm;
 use evolvent_motion::PathExecutor;
@@ -11,17 +11,17 @@ use crate::program_cycle::{ProgramCycle, ProgramState, drive_alarm, turning_alar
 use crate::summary::{Outcome, Summary, TimingSummary, axis_summaries};
 use crate::turning_motion::turning_fault;
 
-/// What the cycle's thread leaves.
+/// Results of the cycle's thread.
 pub(crate) struct RunReport {
     pub counts: CycleCounts,
     pub now: ProgramState,
     pub motion: PathExecutor,
-    /// The simulated workpiece as it is left.
+    /// The simulated workpiece after the run.
     pub process: Option<SimulatedProcess>,
 }
 
 impl RunReport {
-    /// Everything else that the cycle had ends here: its queues tell the other threads.
+    /// Drops everything else that the cycle had; the ends of its queues notify the other threads.
     pub(crate) fn of<F>(mut counts: CycleCounts, source: ProgramCycle<F>) -> Self {
         counts.dropped_records += source.signals.as_ref().map_or(0, |signals| signals.lost);
         Self {
@@ -32,7 +32,7 @@ impl RunReport {
         }
     }
 
-    /// Why the machine was stopped, if it was.
+    /// The alarm that stopped the machine, if any.
     pub(crate) fn fault(&self) -> Option<(Alarm, String)> {
         let motion = &self.motion;
         if let Some(violation) = motion.fault() {
@@ -80,7 +80,7 @@ impl RunReport {
         })
     }
 
-    /// The figures of the run. The trace and the bus's readers are not in it yet.
+    /// The figures of the run, without trace and readers of the bus.
     pub(crate) fn summarise(&self, job: &Job, feed: &FeedReport, late: u64, notes: Vec<String>) -> Summary {
         let setup = &job.setup;
         let machine = &setup.machine;

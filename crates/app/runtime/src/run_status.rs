@@ -18,16 +18,16 @@ use crate::spindle_command::shown_rpm;
 use crate::status_source::{StatusPort, StatusSource, event_of};
 use evolvent_gcode::SPINDLES;
 
-/// Numbers of [`evolvent_bus::MACHINE_STATES`], [`evolvent_bus::ACTIVITIES`] and power of a machine that runs
-/// a program.
+/// Numbers in [`evolvent_bus::MACHINE_STATES`] and [`evolvent_bus::ACTIVITIES`], and of the power, of a
+/// machine that runs a program.
 const READY: u32 = 2;
 const PROGRAM: u32 = 1;
 const POWER_ON: u32 = 1;
 
-/// What the status of a run says.
+/// Makes the status of a run.
 pub(crate) struct RunStatus {
     status: Status,
-    /// The setpoint that has left last.
+    /// The last published setpoint.
     last: Setpoint,
     state: State,
     has_started: bool,
@@ -38,7 +38,7 @@ pub(crate) struct RunStatus {
 }
 
 impl RunStatus {
-    /// Of this job, before its first setpoint.
+    /// For this job, before its first setpoint.
     pub(crate) fn new(job: &Job, publishing: &Publishing) -> Self {
         let mut status = Status {
             machine_state: READY,
@@ -67,7 +67,7 @@ impl RunStatus {
         }
     }
 
-    /// The commanded speed of the spindle, where the axes are.
+    /// Writes the commanded spindle speed at the present position of the axes.
     fn show_speed(&mut self, periphery: &Periphery) {
         let x_mm = self.last.position[0];
         self.status.spindle_rpm = shown_rpm(&periphery.outputs, x_mm, &[1.0; SPINDLES], &self.signals);
@@ -99,7 +99,7 @@ impl StatusSource for RunStatus {
             port.notify(EventKind::Started);
         }
         self.last = *message;
-        // People see the machine without its errors.
+        // The status shows positions without the machine's errors.
         self.last.position = due.setpoint.position.into();
         self.last.velocity = due.setpoint.velocity.into();
         if is_switched {
@@ -109,13 +109,13 @@ impl StatusSource for RunStatus {
         if state != self.state || is_switched {
             let event = event_of(self.state, state);
             self.state = state;
-            // Whoever is woken finds the reason in the status.
+            // The status is sent first, so that a reader that is woken finds the reason in it.
             self.refresh(port);
             port.notify(event);
         }
     }
 
-    /// Whether they follow. What else they report is not used: see the note of the run.
+    /// Notes whether the drives follow. Other feedback is not used: see the note of the run.
     fn receive(&mut self, feedback: &Feedback) {
         self.controls.set_drives(DriveReport::of(feedback));
     }

@@ -48,26 +48,26 @@ use crate::turning_tally::TurningTally;
 use crate::user_code::UserCodes;
 use crate::user_code_runner::UserCodeRunner;
 
-/// How long planner and cycle sleep where the other has nothing for them.
+/// Poll interval of planner and cycle while they wait for each other.
 pub(crate) const PLANNER_NAP: Duration = Duration::from_micros(500);
-/// User-defined M codes that may lie ahead in the plan.
+/// Maximum number of user-defined M codes ahead in the plan.
 const COMMANDS_AHEAD: usize = 4096;
-/// How often the emergency-stop chain is looked at while it is waited for.
+/// Poll interval of the emergency-stop chain while the run waits for it.
 const CHAIN_POLL: Duration = Duration::from_millis(5);
-/// Told where a program is held until there is a load.
+/// Note if a program is held until there is a load.
 const AWAITS_LOAD: &str =
     "the program begins once a cutting load comes over the bus, and drives that answer follow";
 
-/// What planning leaves: its figures, and the tools and parameters of a program that was read to its end.
+/// Result of planning: its figures, and tools and parameters after a program that was read to its end.
 pub(crate) type Fed = (FeedReport, Result<Option<ProgramMemory>, ProgramError>);
 
-/// Starts the threads of one run, and says at once what the user should know.
+/// Starts the threads of one run, and reports notes to the user at once.
 pub(crate) struct RunThreads<'a, 'scope, 'env> {
     pub scope: &'scope Scope<'scope, 'env>,
     pub job: &'env Job,
     pub controls: &'a Arc<Controls>,
     pub observer: &'a mut dyn RunObserver,
-    /// What it was told so far.
+    /// The notes reported so far.
     pub notes: &'a mut Vec<String>,
     pub start_unix_ns: u64,
 }
@@ -78,7 +78,7 @@ pub(crate) struct PlannerEnds<W> {
     pub scheduler: Option<Scheduler>,
     pub periphery: Option<Sender<(u32, Periphery)>>,
     pub listeners: Vec<Sender<FeederEvent>>,
-    /// Whether a recorder hears of blocks.
+    /// Whether a recorder receives blocks.
     pub with_blocks: bool,
     pub carrier: Option<(UserCodes, ToCarrier)>,
 }
@@ -87,13 +87,13 @@ pub(crate) struct PlannerEnds<W> {
 pub(crate) struct CycleEnds {
     pub plan: PlanConsumer,
     pub signals: Option<SignalLoop>,
-    /// Before which actions the machine stands until a command was carried out.
+    /// The actions after which the machine waits until a user-defined M code was carried out.
     pub commands: Option<Consumer<u32>>,
     pub bus: Option<Producer<DueSetpoint>>,
     pub trace: Option<Producer<CycleSample>>,
 }
 
-/// The thread that carries out user-defined M codes, and the ends of those who wait for it.
+/// The thread that carries out user-defined M codes, and the ends of its queues for planner and cycle.
 pub(crate) struct Carrier<'scope> {
     pub thread: ScopedJoinHandle<'scope, Option<String>>,
     pub planner: (UserCodes, ToCarrier),
@@ -106,7 +106,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         self.notes.push(text.to_owned());
     }
 
-    /// Opens the bus, and waits for subscribers and the emergency-stop chain where they are wanted.
+    /// Opens the bus, and waits for subscribers and the emergency-stop chain if required.
     ///
     /// # Errors
     /// The bus does not open, or the chain is open.
@@ -118,7 +118,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
     ) -> Result<ScopedJoinHandle<'scope, PublishReport>, StartError> {
         let (job, setup) = (self.job, &self.job.setup);
         let (orders, periphery_orders) = mpsc::channel();
-        // Its only program: the publisher hears of no other.
+        // The only program: the publisher receives no other.
         let _held = orders.send(PeripheryOrder::Program { job: 0, planned });
         let mut publishing = Publishing::new(
             setup,
@@ -156,10 +156,10 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         Ok(thread)
     }
 
-    /// Creates the trace.
+    /// Creates the trace and starts the recorder.
     ///
     /// # Errors
-    /// It cannot be created.
+    /// The trace cannot be created.
     pub(crate) fn start_recorder(
         &mut self,
         path: &Path,
@@ -187,11 +187,11 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         Ok(builder.spawn_scoped(self.scope, move || recording.run(period_ns))?)
     }
 
-    /// Who carries out user-defined M codes. None where time is not real: nothing of the machine is there to
-    /// be commanded.
+    /// Starts the thread that carries out user-defined M codes. `None` with the virtual clock, since no
+    /// machine is connected.
     ///
     /// # Errors
-    /// No thread.
+    /// The thread cannot be started.
     pub(crate) fn start_carrier(
         &self,
         listeners: Vec<Sender<FeederEvent>>,
@@ -221,10 +221,10 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         }))
     }
 
-    /// Who reads and plans the program.
+    /// Starts the thread that reads and plans the program.
     ///
     /// # Errors
-    /// No thread.
+    /// The thread cannot be started.
     pub(crate) fn start_planner<W: FnMut() -> bool + Send + 'scope>(
         &self,
         mut ends: PlannerEnds<W>,
@@ -258,10 +258,10 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         Ok(planner)
     }
 
-    /// The cycle itself, which begins with a plan in hand.
+    /// Starts the cycle's thread, which waits for the first plan.
     ///
     /// # Errors
-    /// No thread.
+    /// The thread cannot be started.
     pub(crate) fn start_cycle<F: FnMut(&Seen<'_>) + Send + 'scope>(
         &mut self,
         ends: CycleEnds,
@@ -305,7 +305,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             rundown: if job.bus && job.is_realtime() {
                 SpindleRundown::new(&setup.machine.signals, setup.period_ns)
             } else {
-                // The speed is reached at once.
+                // With the virtual clock or without the bus, spindles reach their speed at once.
                 SpindleRundown::NONE
             },
             observe,
@@ -318,7 +318,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         let (granted_sender, granted) = mpsc::channel();
         let builder = thread::Builder::new().name("cycle".into());
         let cycle = builder.spawn_scoped(self.scope, move || {
-            // So that the first cycles do not depend on how fast the plan came.
+            // The first cycles must not depend on how fast the plan arrives.
             while !source.motion.is_ready(&mut source.queue) && !source.controls.is_stopping() {
                 thread::sleep(PLANNER_NAP);
             }
@@ -327,7 +327,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             }
             drop(granted_sender);
             let counts = core.run(&mut source);
-            // The planner need not go on.
+            // The rest of the plan is not needed.
             source.controls.abandon();
             RunReport::of(counts, source)
         })?;
@@ -338,7 +338,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
     }
 }
 
-/// Waits until the emergency-stop chain is closed, not beyond a stop.
+/// Waits until the emergency-stop chain is closed, or until a stop.
 fn await_chain(controls: &Controls) -> Result<(), StartError> {
     let deadline = Instant::now() + CHAIN_TIMEOUT;
     while !controls.is_chain_closed() {

@@ -1,4 +1,4 @@
-//! What the threads of a run share without waiting.
+//! State that the threads of a run share without waiting.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
@@ -9,7 +9,7 @@ use crate::drive_report::DriveReport;
 use crate::load_cell::LoadCell;
 use evolvent_control::Alarm;
 
-/// Switches and gauges of a run. The cycle reads the switches once a cycle and sets the gauges; nothing
+/// Inputs and progress of a run. The cycle reads the inputs once per cycle and sets the progress; no access
 /// waits.
 #[derive(Debug)]
 pub struct Controls {
@@ -20,24 +20,24 @@ pub struct Controls {
     abandon: AtomicBool,
     program_failed: AtomicBool,
     alarm: AtomicU32,
-    /// Adaptive feed is requested.
+    /// Adaptive feed, if requested.
     adaptive: Option<AdaptiveSettings>,
     load: LoadCell,
     gauges: Gauges,
-    /// At rest until a user-defined M code has been carried out.
+    /// The machine waits at rest for a user-defined M code.
     at_command: AtomicBool,
-    /// The action before the command that has been carried out last, + 1.
+    /// Number of the action before the last user-defined M code that was carried out, plus 1.
     commands_done: AtomicU32,
     /// The emergency-stop chain is closed.
     chain_closed: AtomicBool,
-    /// What drives have answered last: a [`DriveReport`], 0 before the first.
+    /// The drives' last feedback as a [`DriveReport`]; 0 before the first.
     drives: AtomicU64,
-    /// The number of the setpoint after which every ramp of a spindle rested, + 1; 0 while one turns its
-    /// spindle.
+    /// Number of the setpoint after which all ramps of spindles were at rest, plus 1; 0 while a ramp turns
+    /// its spindle.
     ramps_rested: AtomicU64,
 }
 
-/// Where the run is.
+/// Progress of the run.
 #[derive(Debug)]
 struct Gauges {
     sequence: AtomicU64,
@@ -66,7 +66,7 @@ impl Default for Gauges {
 }
 
 impl Controls {
-    /// Nothing held, nothing stopped.
+    /// No hold and no stop.
     #[must_use]
     pub fn new(feed_override: f64) -> Self {
         Self {
@@ -88,12 +88,12 @@ impl Controls {
         }
     }
 
-    /// Whether the machine stands where a command of its own is to be carried out. Called by the cycle.
+    /// Sets whether the machine waits for a user-defined M code. Called by the cycle.
     pub(crate) fn set_at_command(&self, at_command: bool) {
         self.at_command.store(at_command, Ordering::Relaxed);
     }
 
-    /// The command after this action has been carried out.
+    /// Notes that the user-defined M code after this action was carried out.
     pub(crate) fn command_done(&self, action: u32) {
         self.commands_done.store(action + 1, Ordering::Release);
     }
@@ -102,7 +102,7 @@ impl Controls {
         self.commands_done.load(Ordering::Acquire) == action + 1
     }
 
-    /// Whether the emergency-stop chain is closed, as the bus says.
+    /// Sets whether the emergency-stop chain is closed, according to the bus.
     pub(crate) fn set_chain_closed(&self, closed: bool) {
         self.chain_closed.store(closed, Ordering::Relaxed);
     }
@@ -111,28 +111,28 @@ impl Controls {
         self.chain_closed.load(Ordering::Relaxed)
     }
 
-    /// Drives have answered on the bus.
+    /// Stores feedback of the drives.
     pub(crate) fn set_drives(&self, report: DriveReport) {
         self.drives.store(report.to_bits(), Ordering::Relaxed);
     }
 
-    /// What drives have answered last, none before the first.
+    /// The drives' last feedback; `None` before the first.
     pub(crate) fn drives(&self) -> Option<DriveReport> {
         DriveReport::from_bits(self.drives.load(Ordering::Relaxed))
     }
 
-    /// With this setpoint a ramp turns its spindle, or none does. Called by the publisher.
+    /// Notes whether a ramp turns its spindle with this setpoint. Called by the publisher.
     pub(crate) fn report_ramps(&self, sequence: u64, turns: bool) {
         let rested = if turns { 0 } else { sequence + 1 };
         self.ramps_rested.store(rested, Ordering::Relaxed);
     }
 
-    /// Whether every ramp has ended at 0 with this setpoint or a later one.
+    /// Whether all ramps have ended at 0 with this setpoint or a later one.
     pub(crate) fn are_ramps_at_rest_after(&self, sequence: u64) -> bool {
         self.ramps_rested.load(Ordering::Relaxed) > sequence
     }
 
-    /// Holds a cutting load by the feed. Settings that make no sense are as none: check them with
+    /// Keeps the cutting load constant by adapting the feed. Invalid settings have no effect: check them with
     /// [`evolvent_turning::AdaptiveFeed::new`].
     #[must_use]
     pub fn with_adaptive_feed(mut self, settings: AdaptiveSettings) -> Self {
@@ -144,23 +144,23 @@ impl Controls {
         self.adaptive
     }
 
-    /// A cutting load has come in, with the highest value that its sensor can show. From one thread only: the
-    /// bus's, or where there is no bus, that of whoever simulates a sensor.
+    /// Stores a cutting load and the highest value that its sensor can report. Call it from one thread only:
+    /// the one that reads the bus or, without a bus, the one that simulates a sensor.
     pub fn set_load(&self, value: f64, range_max: f64) {
         self.load.observe(value, range_max);
     }
 
-    /// The newest cutting load, none before the first.
+    /// The newest cutting load; `None` before the first.
     pub(crate) fn load(&self) -> Option<LoadSample> {
         self.load.newest()
     }
 
-    /// Sets the feed override, 1 at 100 %.
+    /// Sets the feed override; 1 is 100 %.
     pub fn set_override(&self, factor: f64) {
         self.feed_override.store(factor.to_bits(), Ordering::Relaxed);
     }
 
-    /// Holds the feed, or lets it go on.
+    /// Holds the feed or releases the hold.
     pub fn set_hold(&self, hold: bool) {
         self.hold.store(hold, Ordering::Relaxed);
     }
@@ -170,18 +170,18 @@ impl Controls {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Whether a stop was asked for.
+    /// Whether a stop was requested.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Goes on after a program stop.
+    /// Continues after a program stop.
     pub fn resume(&self) {
         self.resume.store(true, Ordering::Relaxed);
     }
 
-    /// The cycle has ended: the planner need not go on.
+    /// The cycle has ended, so the rest of the plan is not needed.
     pub(crate) fn abandon(&self) {
         self.abandon.store(true, Ordering::Release);
     }
@@ -190,7 +190,7 @@ impl Controls {
         self.abandon.load(Ordering::Acquire)
     }
 
-    /// The plan ends before the program does. Called before the plan's end is handed on.
+    /// Notes that the plan ends before the program does. Call it before the end of the plan is passed on.
     pub(crate) fn fail_program(&self) {
         self.program_failed.store(true, Ordering::Release);
     }
@@ -199,7 +199,7 @@ impl Controls {
         self.program_failed.load(Ordering::Acquire)
     }
 
-    /// Latches an alarm; the first stays.
+    /// Latches an alarm unless one is latched.
     pub(crate) fn raise(&self, alarm: Alarm) {
         let _latched = self
             .alarm
@@ -211,9 +211,9 @@ impl Controls {
         self.alarm.load(Ordering::Relaxed)
     }
 
-    /// The cycle's inputs of this moment.
+    /// The present inputs of the cycle.
     pub(crate) fn inputs(&self) -> Inputs {
-        // Taken once: it counts for the program stop that the machine stands at, and for none after it.
+        // Taken once: a resume ends the program stop at which the machine waits, and no later one.
         let resume = self.resume.load(Ordering::Relaxed) && self.resume.swap(false, Ordering::Relaxed);
         let at_stop = self.is_at_program_stop();
         if resume && at_stop {
@@ -234,7 +234,7 @@ impl Controls {
             && !self.at_command.load(Ordering::Relaxed)
     }
 
-    /// The feed override asked for.
+    /// The requested feed override.
     pub(crate) fn feed_override(&self) -> f64 {
         f64::from_bits(self.feed_override.load(Ordering::Relaxed))
     }
@@ -257,7 +257,7 @@ impl Controls {
         }
     }
 
-    /// Where the run is.
+    /// The progress of the run.
     #[must_use]
     pub fn progress(&self) -> Progress {
         Progress {
@@ -275,10 +275,10 @@ impl Controls {
     }
 }
 
-/// Where a run is, to be shown.
+/// Progress of a run, for display.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
-    /// Setpoints computed.
+    /// Number of setpoints computed.
     pub cycles: u64,
     /// Path travelled.
     pub path_mm: f64,
@@ -288,15 +288,15 @@ pub struct Progress {
     pub line: u32,
     /// Waiting at M0, M1 or M60.
     pub at_program_stop: bool,
-    /// Waiting until one of M100 to M199 has been carried out.
+    /// Waiting for a user-defined M code (M100 to M199).
     pub at_command: bool,
-    /// Actions for the periphery that have taken effect.
+    /// Number of actions of the periphery that have taken effect.
     pub actions: u32,
-    /// Blocks begun.
+    /// Number of blocks begun.
     pub blocks: u32,
-    /// The program has come to its end.
+    /// The program has reached its end.
     pub has_ended: bool,
-    /// Program stops after which the machine was resumed.
+    /// Number of program stops that were resumed.
     pub resumes: u32,
 }
 

@@ -1,12 +1,12 @@
-//! What the machine has against a command for its outputs, inputs and spindles.
+//! The machine's objections to commands for outputs, inputs and spindles.
 
 use evolvent_gcode::{Action, SpindleDirection};
 use evolvent_machine::{SignalKind, SignalSettings, SpindleSettings};
 
 use crate::news::with_article;
 
-/// Why the machine cannot carry out an action, and what to do; none where it can, or where the action is none
-/// of a signal's.
+/// The reason why the machine cannot carry out an action, and the remedy; `None` if it can, or for actions of
+/// no signal.
 pub(crate) fn signal_objection(signals: &SignalSettings, action: &Action) -> Option<(String, String)> {
     match *action {
         Action::Output {
@@ -62,7 +62,7 @@ pub(crate) fn signal_objection(signals: &SignalSettings, action: &Action) -> Opt
             direction,
             speed_rpm,
         } => spindle_objection(signals, spindle, direction, speed_rpm),
-        // Its speed is limited to what the spindle can do.
+        // Its speed is limited to the maximum of the spindle.
         Action::SurfaceSpeed {
             spindle, direction, ..
         } => spindle_objection(signals, spindle, direction, 0.0),
@@ -81,7 +81,7 @@ pub(crate) fn signal_objection(signals: &SignalSettings, action: &Action) -> Opt
     }
 }
 
-/// What the machine has against a direction and speed of a spindle.
+/// The machine's objection to a direction and speed of a spindle.
 fn spindle_objection(
     signals: &SignalSettings,
     number: u32,

@@ -1,4 +1,4 @@
-//! Where the outputs and inputs of a machine go, and where they come from: one end for each thread.
+//! The queues of a machine's outputs and inputs: one end for each thread.
 
 use evolvent_machine::SignalSettings;
 use evolvent_signals::{Scheduler, Signals, schedule};
@@ -10,17 +10,17 @@ use crate::signal_loop::{InputSource, SignalLoop};
 use crate::signal_port::{CHANGES, SAMPLES, SignalPort};
 use crate::signal_recorder::SignalRecorder;
 
-/// The ends. A machine without signals has those of cycle and planner alone, for the overrides that a program
+/// The ends. A machine without signals has only those of cycle and planner, for the overrides that a program
 /// switches.
 #[derive(Default)]
 pub(crate) struct SignalEnds {
-    /// Of the publisher, where there is one.
+    /// The publisher's, if there is one.
     pub port: Option<SignalPort>,
-    /// Of the recorder, where there is one.
+    /// The recorder's, if there is one.
     pub recorder: Option<SignalRecorder>,
-    /// Of the cycle.
+    /// The cycle's.
     pub cycle: Option<SignalLoop>,
-    /// Of the planner of a run. A served machine makes one for each program.
+    /// The planner's, for a run. A served machine makes one for each program.
     pub scheduler: Option<Scheduler>,
 }
 

@@ -1,4 +1,4 @@
-//! Outputs and inputs in the loop around the cycle: samples in, changes out to bus and trace.
+//! Outputs and inputs in the loop of the cycle: receives samples, and sends changes to bus and trace.
 
 use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, SignalSettings};
 use evolvent_motion::{Setpoint, State};
@@ -13,68 +13,67 @@ use crate::due_setpoint::SpindleOverrides;
 use crate::handwheel_view::HandwheelView;
 use crate::input_script::InputScript;
 
-/// Outputs on their way to the bus, from one setpoint on.
+/// Outputs to be published, from one setpoint on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DueOutputs {
     pub sequence: u64,
     pub outputs: OutputImage,
 }
 
-/// While the spindle stands, rapids go on as with this feed override.
+/// While the spindle is stopped, rapids continue as with this feed override.
 const RAPID_RATIO: f64 = 0.01;
 
-/// Number in the trace of the angle of the spindle that motion follows.
+/// Number in the trace of the angle of the spindle that the motion follows.
 const ANGLE: u32 = 96;
-/// Number in the trace of its time.
+/// Number in the trace of the time of that angle.
 const ANGLE_CYCLE: u32 = ANGLE + 1;
-/// Number in the trace of the speed of spindle 0; those of the others follow.
+/// Number in the trace of the speed of spindle 0; the other spindles follow.
 const SPEED: u32 = ANGLE + 2;
-/// Number in the trace of which spindle the angle is.
+/// Number in the trace of the spindle that the angle belongs to.
 const ANGLE_SPINDLE: u32 = SPEED + MAX_SPINDLES;
 
-/// An input or output that has changed with a setpoint: what is recorded.
+/// A recorded change of an input or output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SignalChange {
-    /// The setpoint.
+    /// The setpoint with which it changed.
     pub sequence: u64,
     /// Whether it is an output.
     pub is_output: bool,
-    /// Which.
+    /// The signal.
     pub name: SignalName,
-    /// What it is from then on; none of an input that is not known. Of a spindle the number of a
-    /// [`SpindleState`].
+    /// The new value; `None` for an input that is unknown. For a spindle, the number of a [`SpindleState`].
     pub value: Option<f64>,
 }
 
-/// Which signal of a machine.
+/// A signal of a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SignalName {
-    /// An input or output of a number.
+    /// An input or output with its number.
     Signal(SignalKind, u32),
-    /// How a spindle is: an input.
+    /// The state of a spindle: an input.
     Spindle(u32),
-    /// A value of the probe, as [`probe_numbers`] count them: an input.
+    /// A value of the probe, numbered as in [`probe_numbers`]: an input.
     Probe(u32),
-    /// A value of the newest sample of the angle of the spindle that motion follows: an input.
+    /// A value of the newest angle sample of the spindle that the motion follows: an input.
     Angle(AngleValue),
-    /// How fast a spindle turns, rpm: an input.
+    /// The speed of a spindle, rpm: an input.
     Speed(u32),
-    /// Which spindle the angle is: an input.
+    /// The spindle that the angle belongs to: an input.
     AngleSpindle,
 }
 
-/// One of the two numbers of a sample of a spindle's angle. In the trace the turns come first: the sample is
-/// complete with its time.
+/// One of the two numbers of an angle sample. In the trace the turns come first; the time completes the
+/// sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AngleValue {
     /// Turns since the index pulse.
     Turns,
-    /// When that was, as the number of the setpoint that is due then.
+    /// The time of the angle, as the number of the setpoint that is due then.
     Cycle,
 }
 
 impl SignalName {
-    /// Gives an input this value in an image; none makes it unknown. Real-time safe.
+    /// Sets an input of an image; `None` makes it unknown. Real-time safe.
     pub(crate) fn enter(self, image: &mut InputImage, value: Option<f64>) {
         match self {
             Self::Signal(kind, number) => image.set(kind, number, value),
@@ -89,7 +88,7 @@ impl SignalName {
             }
             Self::AngleSpindle => image.angle_spindle = value.unwrap_or(0.0) as u32,
             Self::Angle(number) => {
-                // A sample without its time yet is none.
+                // A sample is incomplete without its time.
                 let mut angle = image.angle.unwrap_or(SpindleAngle {
                     cycle: f64::NAN,
                     turns: f64::NAN,
@@ -108,9 +107,9 @@ impl SignalName {
 }
 
 impl SignalChange {
-    /// The number in the trace: 64 more of an analog signal, 80 more of a spindle, 84 more of a value of the
-    /// probe; 96 and 97 are the angle of a spindle and its time, 98 to 101 the speeds of the spindles, 102
-    /// the spindle of the angle.
+    /// The number in the trace. Analog signals have an offset of 64, spindles of 80, values of the probe of
+    /// 84. 96 and 97 are the angle of a spindle and its time, 98 to 101 the speeds of the spindles, 102 the
+    /// spindle of the angle.
     #[must_use]
     pub const fn code(&self) -> u32 {
         match self.name {
@@ -125,7 +124,7 @@ impl SignalChange {
         }
     }
 
-    /// Which signal has a number in the trace.
+    /// The signal with a number in the trace.
     #[must_use]
     pub const fn of_code(code: u32) -> SignalName {
         const SPINDLES: u32 = MAX_DIGITAL + MAX_ANALOG;
@@ -142,12 +141,12 @@ impl SignalChange {
         }
     }
 
-    /// Makes an image of the inputs so.
+    /// Applies the change to an image of the inputs.
     pub(crate) fn enter(&self, image: &mut InputImage) {
         self.name.enter(image, self.value);
     }
 
-    /// For people, with the machine's name of it: `output clamp on`.
+    /// The change as text, with the machine's name of the signal: `output clamp on`.
     pub(crate) fn text(&self, settings: &SignalSettings) -> String {
         let (kind, number) = match self.name {
             SignalName::Signal(kind, number) => (kind, number),
@@ -183,7 +182,7 @@ impl SignalChange {
     }
 }
 
-/// For people: a number of a sample of the angle.
+/// A number of an angle sample as text.
 fn angle_text(name: AngleValue, value: Option<f64>) -> String {
     match (name, value) {
         (_, None) => "spindle: angle unknown".to_owned(),
@@ -192,7 +191,7 @@ fn angle_text(name: AngleValue, value: Option<f64>) -> String {
     }
 }
 
-/// For people: what a value of the probe says.
+/// A value of the probe as text.
 fn probe_text(number: u32, value: Option<f64>) -> String {
     let value_or_nan = value.unwrap_or(f64::NAN);
     match (number, value) {
@@ -220,16 +219,16 @@ fn spindle_text(value: Option<f64>) -> &'static str {
     }
 }
 
-/// Where the inputs come from.
+/// Source of the inputs.
 #[derive(Debug)]
 pub(crate) enum InputSource {
     /// Bridges on the bus.
     Bus(Consumer<InputImage>),
-    /// A file that says when they change.
+    /// A file with the times of their changes.
     Script(Box<InputScript>),
 }
 
-/// Outputs, inputs and waits of one loop. Real-time safe, but for what is made before it runs.
+/// Outputs, inputs and waits of one loop. Real-time safe except construction.
 #[derive(Debug)]
 pub(crate) struct SignalLoop {
     signals: Signals,
@@ -239,11 +238,11 @@ pub(crate) struct SignalLoop {
     recorded_inputs: InputImage,
     recorded_outputs: OutputImage,
     sent: Option<OutputImage>,
-    /// Changes that found no room.
+    /// Number of changes that did not fit into the queue.
     pub lost: u64,
     is_realtime: bool,
     progress: ProgramProgress,
-    /// The chain was open since this was reset.
+    /// The chain was open since the last reset.
     estopped: bool,
 }
 
@@ -270,8 +269,8 @@ impl SignalLoop {
         }
     }
 
-    /// A program begins whose first block has this number. Hands back the schedule of a program that has not
-    /// been ended.
+    /// Begins a program whose first block has this number. Returns the schedule of a program that was not
+    /// ended.
     pub(crate) fn begin_program(
         &mut self,
         schedule: ScheduleConsumer,
@@ -281,7 +280,7 @@ impl SignalLoop {
         self.signals.begin_program(schedule)
     }
 
-    /// The program is over; its schedule, to be dropped where time does not matter.
+    /// Ends the program. Returns its schedule, to be dropped by a thread without deadlines.
     pub(crate) fn end_program(&mut self) -> Option<ScheduleConsumer> {
         self.signals.end_program()
     }
@@ -291,12 +290,12 @@ impl SignalLoop {
         self.signals.set_by_hand(change);
     }
 
-    /// Forgets that the chain was open, unless it is.
+    /// Forgets that the chain was open, unless it still is.
     pub(crate) fn reset_estop(&mut self) {
         self.estopped = self.signals.is_estop_open();
     }
 
-    /// Before a setpoint: takes the inputs that count for it. `last`: the setpoint before.
+    /// Before a setpoint: applies the inputs for it. `last` is the preceding setpoint.
     pub(crate) fn apply_inputs(&mut self, sequence: u64, period_ns: u64, last: Option<&Setpoint>) {
         loop {
             let sample = match &mut self.source {
@@ -310,7 +309,7 @@ impl SignalLoop {
         self.estopped |= self.signals.is_estop_open();
     }
 
-    /// What the handwheel says whose counts are an analog input.
+    /// The state of the handwheel whose counts are this analog input.
     pub(crate) fn handwheel(&self, counts: u32) -> HandwheelView {
         let inputs = self.signals.inputs();
         HandwheelView {
@@ -319,28 +318,28 @@ impl SignalLoop {
         }
     }
 
-    /// What the next setpoint goes by of the probe. Once for each setpoint, after its inputs.
+    /// The probe's input for the next setpoint. Call it once per setpoint, after its inputs.
     pub(crate) fn take_probe(&mut self) -> ProbeInput {
         self.signals.take_probe()
     }
 
-    /// How the spindle that motion follows turns when the setpoint of this number is due.
+    /// The rotation of the spindle that the motion follows, at the due time of this setpoint.
     pub(crate) fn spindle_at(&self, sequence: u64) -> SpindleInput {
         self.signals.spindle_at(sequence)
     }
 
-    /// The inputs that count for the setpoint of this cycle.
+    /// The inputs for the setpoint of this cycle.
     pub(crate) fn inputs(&self) -> &InputImage {
         self.signals.inputs()
     }
 
-    /// Which overrides count for the next setpoint.
+    /// The overrides in force for the next setpoint.
     pub(crate) fn overrides(&self) -> OverrideSwitches {
         *self.signals.overrides()
     }
 
-    /// By what the feed of the plan is multiplied for the next setpoint. `last`: the one before; `is_rapid`:
-    /// it was of a rapid, or one comes next.
+    /// Factor on the feed of the plan for the next setpoint. `last` is the preceding setpoint; `is_rapid`: it
+    /// belongs to a rapid, or a rapid comes next.
     pub(crate) fn feed_ratio(
         &mut self,
         last: Option<&Setpoint>,
@@ -352,11 +351,11 @@ impl SignalLoop {
         if !is_rapid {
             return ratio;
         }
-        // A rapid is as fast as ever, but with no feed at all it would stand.
+        // A rapid does not depend on the spindle, but a factor of zero would stop it.
         ratio.max(RAPID_RATIO)
     }
 
-    /// Whether the emergency-stop chain was open at this setpoint or at one before.
+    /// Whether the emergency-stop chain was open at this or an earlier setpoint.
     pub(crate) fn is_estopped(&self) -> bool {
         self.estopped
     }
@@ -366,33 +365,33 @@ impl SignalLoop {
         self.signals.spindle_in_trouble()
     }
 
-    /// Whether the chain is open now, or not known.
+    /// Whether the chain is open or unknown now.
     pub(crate) fn is_estop_open(&self) -> bool {
         self.signals.is_estop_open()
     }
 
-    /// What the probe says now.
+    /// The present state of the probe.
     pub(crate) fn probe(&self) -> ProbeState {
         self.signals.probe_state()
     }
 
-    /// Whether the machine rests for a wait.
+    /// Whether the machine is at rest in a wait.
     pub(crate) fn is_waiting(&self) -> bool {
         self.signals.is_waiting()
     }
 
-    /// Whether a wait is over and the program may go on.
+    /// Whether a wait is over and the program may continue.
     pub(crate) fn is_over(&self) -> bool {
         self.signals.is_over()
     }
 
-    /// The program goes on after a wait that is over.
+    /// Continues the program after a wait that is over.
     pub(crate) fn go_on(&mut self) {
         let _was_over = self.signals.take_resume();
     }
 
-    /// After a setpoint: the outputs that count with it go to bus and trace. The setpoint goes there after
-    /// them. `phase`: what the machine does, but for the chain. Whether an output has changed.
+    /// After a setpoint: sends the outputs that change with it to bus and trace, before the setpoint itself.
+    /// `phase` is the state of the machine without the chain. Returns whether an output has changed.
     pub(crate) fn step(&mut self, setpoint: &Setpoint, phase: Phase) -> bool {
         let phase = if self.estopped { Phase::Fault } else { phase };
         let outputs = self.signals.step(&self.progress.with(setpoint, phase));
@@ -407,7 +406,7 @@ impl SignalLoop {
             if !self.is_realtime {
                 crate::core_loop::wait_until(|| !bus.is_full() || bus.is_abandoned());
             }
-            // What finds no room goes with a later setpoint: a message is complete in itself.
+            // An image that does not fit is sent with a later setpoint: each message is complete.
             match bus.push(due) {
                 Ok(()) => self.sent = Some(outputs),
                 Err(_) => self.lost += 1,
@@ -453,7 +452,7 @@ impl SignalLoop {
                 value: Some(f64::from(sample.angle_spindle)),
             });
         }
-        // Turns first: with its time a sample is complete.
+        // Turns come first: the time completes a sample.
         for (name, value, value_before) in [
             (
                 AngleValue::Turns,
@@ -554,16 +553,16 @@ pub(crate) fn for_each_change(
     }
 }
 
-/// How far a program is with its setpoints.
+/// Progress of a program in its setpoints.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ProgramProgress {
     first_block: u32,
-    /// A block of it has begun.
+    /// One of its blocks has begun.
     has_moved: bool,
 }
 
 impl ProgramProgress {
-    /// Of a program whose first block has this number.
+    /// For a program whose first block has this number.
     pub(crate) fn new(first_block: u32) -> Self {
         Self {
             first_block,
@@ -571,9 +570,9 @@ impl ProgramProgress {
         }
     }
 
-    /// With this setpoint.
+    /// The progress with this setpoint.
     pub(crate) fn with(&mut self, setpoint: &Setpoint, phase: Phase) -> Progress {
-        // Before the first block its number is that of the first, too.
+        // Before the first block, the setpoint already has its number.
         self.has_moved |= setpoint.block > self.first_block || setpoint.path_mm > 0.0;
         Progress {
             actions: setpoint.actions,
@@ -584,7 +583,7 @@ impl ProgramProgress {
     }
 }
 
-/// What outputs go by while a program is in this state.
+/// The phase of outputs while a program is in this state.
 pub(crate) fn phase_of(state: State) -> Phase {
     match state {
         State::Held => Phase::Held,

@@ -1,4 +1,4 @@
-//! Outputs and inputs at the bus: what the publisher's thread does for them.
+//! Outputs and inputs on the bus: the work of the publisher's thread.
 
 use crate::input_check::input_entry;
 use evolvent_bus::{CoreBus, Feedback, MachineOutputs, spindle_flags};
@@ -16,27 +16,27 @@ use crate::spindle_command::SpindleCommand;
 use crate::spindle_speedometer::Speedometer;
 use crate::spindle_stall::StallWatch;
 
-/// Samples of the inputs on the way to the cycle.
+/// Capacity of the queue of input samples to the cycle.
 pub(crate) const SAMPLES: usize = 1024;
-/// Changes of outputs on the way to the bus.
+/// Capacity of the queue of output changes to the bus.
 pub(crate) const CHANGES: usize = 4096;
 
-/// What programs have commanded of a spindle.
+/// The last command of programs to a spindle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Commanded {
     /// Number of the command.
     number: u64,
-    /// The message of outputs that brought it to the bridge.
+    /// The message of outputs that carried it to the bridge.
     sequence: u64,
-    /// When that is due, where the spindle is to turn.
+    /// Due time of that message, if the spindle is to turn.
     turns_since_ns: Option<u64>,
-    /// A ramp has not reached it.
+    /// A ramp has not reached the commanded speed.
     is_passing: bool,
     /// The speed with the last setpoint, rpm.
     rpm: f64,
 }
 
-/// Outputs of the cycle out, inputs of the bridges in.
+/// Sends the cycle's outputs, and receives the bridges' inputs.
 #[derive(Debug)]
 pub(crate) struct SignalPort {
     entry: InputEntry,
@@ -45,27 +45,27 @@ pub(crate) struct SignalPort {
     speedometers: [Speedometer; SPINDLES],
     stalls: [StallWatch; SPINDLES],
     period_ns: u64,
-    /// What programs have switched last.
+    /// The last state switched by programs.
     periphery: Periphery,
-    /// The last setpoint: its number, and when it is due.
+    /// The last setpoint: its number and due time.
     last_due: (u64, u64),
     /// The spindle whose angle the program follows.
     follows_angle: Option<u32>,
     settings: SignalSettings,
     samples: Producer<InputImage>,
     changes: Consumer<DueOutputs>,
-    /// The sample that the cycle has, or will have.
+    /// The last sample sent to the cycle.
     sent: Option<InputImage>,
     message: MachineOutputs,
-    /// What was said of the probe last.
+    /// The last known state of the probe.
     probe: Option<KnownProbe>,
     probe_image: ProbeImage,
     locator: ProbeLocator,
 }
 
 impl SignalPort {
-    /// Every output at its safe value, with this tool in the spindle. `period_ns`: from one setpoint to the
-    /// next.
+    /// Every output at its safe value, with this tool in the spindle. `period_ns` is the time between
+    /// setpoints.
     pub(crate) fn new(
         settings: &SignalSettings,
         period_ns: u64,
@@ -121,11 +121,11 @@ impl SignalPort {
         }
     }
 
-    /// Takes what the bridges say, and hands what is known of the inputs to the cycle where it has changed.
+    /// Receives the bridges' messages, and passes the inputs to the cycle if they have changed.
     pub(crate) fn take_inputs(&mut self, bus: &mut CoreBus, now_ns: u64) {
-        // Each on its own: an edge and its end may come together.
+        // Each message separately, since an edge and its end may arrive together.
         while let Ok(Some(message)) = bus.unchecked_inputs() {
-            // What is wrong is counted; a message for each would not help.
+            // Faulty messages are counted; one report for each would not help.
             if self.entry.take(&message, now_ns).is_ok() {
                 self.hand_on(now_ns);
             }
@@ -138,11 +138,11 @@ impl SignalPort {
         self.hand_on(now_ns);
     }
 
-    /// How a spindle is with respect to what it was commanded last.
+    /// The state of a spindle relative to its last command.
     fn spindle_state(&self, number: u32, now_ns: u64) -> Option<SpindleState> {
         let command = self.commanded.get(number as usize).copied().unwrap_or_default();
         if !self.settings.spindle(number)?.has_feedback() {
-            // It follows the ramp of its command.
+            // The spindle follows the ramp of its command.
             return Some(SpindleState {
                 command: command.number,
                 at_speed: command.sequence > 0 && !command.is_passing,
@@ -152,7 +152,7 @@ impl SignalPort {
         let timeout_ns = (self.settings.input_timeout_s * 1e9) as u64;
         let Some(known) = self.spindles.known(now_ns, number) else {
             let since_ns = command.turns_since_ns?;
-            // A bridge that is about to come up has time for it.
+            // A bridge that is starting is given this time.
             return (now_ns > since_ns.saturating_add(timeout_ns)).then_some(SpindleState {
                 command: command.number,
                 silent: true,
@@ -171,7 +171,7 @@ impl SignalPort {
         })
     }
 
-    /// The newest sample of the angle of the spindle that motion follows, where a program follows it.
+    /// The newest angle sample of the spindle that the motion follows, if a program follows one.
     fn spindle_angle(&self, now_ns: u64) -> Option<SpindleAngle> {
         let (sequence, due_ns) = self.last_due;
         let spindle = self.follows_angle.filter(|_| due_ns != 0)?;
@@ -183,19 +183,19 @@ impl SignalPort {
         })
     }
 
-    /// The speed of a spindle that a bridge reports, rpm, negative counter-clockwise; none where that is too
+    /// The speed of a spindle that a bridge reports, rpm, negative counter-clockwise; `None` if it is too
     /// old.
     pub(crate) fn measured_rpm(&self, number: u32, now_ns: u64) -> Option<f64> {
         Some(self.spindles.known(now_ns, number)?.speed_rpm)
     }
 
-    /// Messages of spindles that were refused, and what was wrong with the last; none if none were.
+    /// Number of rejected messages of spindles, and the fault of the last one; `None` if there were none.
     pub(crate) fn refused_spindles(&self) -> Option<(u64, SpindleFault)> {
         let (count, fault) = self.spindles.refused();
         fault.map(|fault| (count, fault))
     }
 
-    /// A sample of the drives, from which the position of a contact is interpolated.
+    /// Adds feedback of the drives, from which the position of a contact is interpolated.
     pub(crate) fn observe_feedback(&mut self, feedback: &Feedback) {
         if self.settings.probe.is_some() {
             self.locator.observe_feedback(feedback);
@@ -231,7 +231,7 @@ impl SignalPort {
             };
         }
         if bounces {
-            // Open again already: the contact counts all the same.
+            // The probe is open again already; the contact counts nevertheless.
             image.probe = ProbeImage {
                 state: ProbeState::Tripped,
                 ..self.probe_image
@@ -245,7 +245,7 @@ impl SignalPort {
         };
         image.probe = self.probe_image;
         self.send_sample(&image);
-        // Positions come after the changes that they belong to.
+        // Positions follow the changes that they belong to.
         while let Some(position) = self.locator.next(now_ns) {
             self.probe_image.locate_change(position);
             image.probe = self.probe_image;
@@ -253,7 +253,7 @@ impl SignalPort {
         }
     }
 
-    /// Which spindles stand although they had come to their speed, but for the one that a pass follows.
+    /// The spindles that have stalled after reaching their speed, except one that a pass follows.
     fn watch_stalls(&mut self, now_ns: u64) -> [bool; SPINDLES] {
         std::array::from_fn(|number| {
             let is_followed = (self.periphery.in_pass).is_some_and(|pass| pass.spindle == number as u32);
@@ -280,7 +280,7 @@ impl SignalPort {
         }
     }
 
-    /// Whether the probe has tripped and opened again since it was looked at last.
+    /// Whether the probe has tripped and opened again since the last call.
     fn follow_probe(&mut self, probe: Option<KnownProbe>, now_ns: u64) -> bool {
         let (Some(now), Some(before)) = (probe, std::mem::replace(&mut self.probe, probe)) else {
             return false;
@@ -295,7 +295,7 @@ impl SignalPort {
         has_tripped && !now.is_tripped
     }
 
-    /// Whether the emergency-stop chain is closed, or there is none.
+    /// Whether the emergency-stop chain is closed; `true` without a chain.
     pub(crate) fn is_chain_closed(&self) -> bool {
         self.settings.estop.is_none_or(|estop| {
             let closed = f64::from(u8::from(estop.closed));
@@ -304,14 +304,14 @@ impl SignalPort {
         })
     }
 
-    /// Messages of inputs that were refused, and what was wrong with the last; none if none were.
+    /// Number of rejected messages of inputs, and the fault of the last one; `None` if there were none.
     pub(crate) fn refused(&self) -> Option<(u64, InputFault)> {
         let (count, fault) = self.entry.refused();
         fault.map(|fault| (count, fault))
     }
 
-    /// Sends what has changed with a setpoint, before the setpoint itself. `periphery`: where it has changed;
-    /// `commands`: what the spindles are commanded.
+    /// Sends what changes with a setpoint, before the setpoint itself. `periphery`: its state, if it has
+    /// changed; `commands`: the commands to the spindles.
     pub(crate) fn follow(
         &mut self,
         bus: &mut CoreBus,
@@ -354,7 +354,7 @@ impl SignalPort {
         }
     }
 
-    /// Writes the command to a spindle into the message that leaves next; whether it is another.
+    /// Writes the command to a spindle into the next message. Returns whether it differs from the last.
     fn command_spindle(&mut self, number: usize, command: &SpindleCommand) -> bool {
         let message = &mut self.message;
         let before = (
@@ -363,7 +363,7 @@ impl SignalPort {
             message.spindle_angle[number],
             message.spindle_way[number],
         );
-        // It turns to an angle when its ramp has ended.
+        // The spindle turns to an angle after its ramp has ended.
         let orientation = self.periphery.orientations[number].filter(|_| command.passing.is_none());
         let programmed = self.periphery.outputs.spindles[number].direction;
         let now = (
@@ -372,7 +372,7 @@ impl SignalPort {
                 None => direction_number(command.passing.unwrap_or(programmed)),
             },
             command.rpm,
-            // 360 degrees are the same as none.
+            // 360 degrees are equivalent to 0.
             orientation.map_or(0.0, |orient| orient.degrees % 360.0),
             orientation
                 .and_then(|orient| orient.direction)
@@ -392,13 +392,13 @@ impl SignalPort {
             command.rpm
         };
         if now != before {
-            // The number of the message that leaves next.
+            // The number of the next message.
             commanded.sequence = self.message.sequence + 1;
         }
         now != before
     }
 
-    /// The program has commanded something.
+    /// Notes a command of the program to a spindle.
     fn note_command(&mut self, number: usize, due_time_ns: u64) {
         let commanded = &mut self.commanded[number];
         commanded.number = self.periphery.spindle_commands[number];
@@ -408,7 +408,7 @@ impl SignalPort {
         }
     }
 
-    /// Sends the outputs in force. A message that does not leave is replaced by the next.
+    /// Sends the outputs in force. A message that cannot be sent is superseded by the next.
     pub(crate) fn send(&mut self, bus: &mut CoreBus) {
         self.message.sequence += 1;
         let _lost = bus.publish_outputs(&self.message);

@@ -1,4 +1,4 @@
-//! Changes of inputs and outputs on their way into the trace.
+//! Writes changes of inputs and outputs to the trace.
 
 use std::collections::BTreeMap;
 
@@ -8,16 +8,16 @@ use rtrb::Consumer;
 
 use crate::signal_loop::SignalChange;
 
-/// Records each change with the cycle from which it counts.
+/// Records each change with the cycle from which it is in effect.
 pub(crate) struct SignalRecorder {
     changes: Consumer<SignalChange>,
     settings: SignalSettings,
-    /// The last change of each, by direction and number in the trace.
+    /// The last change of each signal, by direction and number in the trace.
     last: BTreeMap<(bool, u32), SignalChange>,
 }
 
 impl SignalRecorder {
-    /// Changes come in order, each before its cycle; `settings` say how the machine calls them.
+    /// `changes` arrive in order, each before its cycle; `settings` contain the names of the signals.
     pub(crate) fn new(changes: Consumer<SignalChange>, settings: SignalSettings) -> Self {
         Self {
             changes,
@@ -26,7 +26,7 @@ impl SignalRecorder {
         }
     }
 
-    /// Records what has changed up to a cycle.
+    /// Records the changes up to a cycle.
     pub(crate) fn record(&mut self, recorder: &mut Recorder, cycle: &CycleRecord) -> Result<(), RecordError> {
         while let Ok(change) = self.changes.peek()
             && change.sequence <= cycle.sequence
@@ -38,7 +38,7 @@ impl SignalRecorder {
         Ok(())
     }
 
-    /// Records what is in force where a file begins that goes on from another one.
+    /// Records the values in force at the start of a file that continues another one.
     pub(crate) fn repeat(&self, recorder: &mut Recorder, cycle: &CycleRecord) -> Result<(), RecordError> {
         for change in self.last.values() {
             let now = SignalChange {

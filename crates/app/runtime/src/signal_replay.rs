@@ -1,5 +1,5 @@
-//! The signals of a served machine again: recorded inputs for the waits of its programs, and the outputs
-//! compared.
+//! The signals of a served machine in recomputation: recorded inputs for the waits of its programs, and a
+//! comparison of the outputs.
 
 use std::collections::VecDeque;
 
@@ -10,18 +10,18 @@ use evolvent_signals::{InputImage, OutputImage, Phase, ProbeInput, ScheduleConsu
 use crate::recompute::wait_for_planner;
 use crate::signal_loop::{ProgramProgress, SignalChange, SignalName, phase_of};
 
-/// An output that a program has set otherwise than recorded.
+/// An output that a program has set differently from the recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutputDifference {
-    /// The setpoint with which it was first seen.
+    /// The first setpoint with the difference.
     pub sequence: u64,
     /// Digital or analog.
     pub kind: SignalKind,
-    /// Which.
+    /// Number of the output.
     pub number: u32,
-    /// As recorded.
+    /// The recorded value.
     pub recorded: f64,
-    /// As computed now.
+    /// The recomputed value.
     pub recomputed: f64,
 }
 
@@ -32,7 +32,7 @@ pub(crate) struct SignalReplay {
     inputs: VecDeque<SignalChange>,
     outputs: VecDeque<SignalChange>,
     image: InputImage,
-    /// As recorded with the last setpoint.
+    /// The recorded outputs of the last setpoint.
     recorded: OutputImage,
     progress: ProgramProgress,
     differences: u64,
@@ -61,19 +61,19 @@ impl SignalReplay {
         }
     }
 
-    /// A program begins, with the outputs as they are.
+    /// Begins a program with the present outputs.
     pub(crate) fn begin_program(&mut self, schedule: ScheduleConsumer, first_block: u32) {
         self.progress = ProgramProgress::new(first_block);
         self.signals.go_on_with(&self.recorded);
         let _before = self.signals.begin_program(schedule);
     }
 
-    /// The program is over.
+    /// Ends the program.
     pub(crate) fn end_program(&mut self) {
         let _spent = self.signals.end_program();
     }
 
-    /// Takes the inputs that count for a setpoint.
+    /// Applies the inputs for a setpoint.
     pub(crate) fn apply_inputs(&mut self, sequence: u64) {
         while let Some(change) = pop_due(&mut self.inputs, sequence) {
             change.enter(&mut self.image);
@@ -81,25 +81,25 @@ impl SignalReplay {
         }
     }
 
-    /// Whether the program goes on with this cycle; `recorded` says that it did. Outside of waits that is all
-    /// there is to know.
+    /// Whether the program continues with this cycle; `recorded` is the recorded answer. Outside of waits
+    /// only the recording knows it.
     pub(crate) fn resumes(&self, recorded: bool, motion: &PathExecutor, queue: &mut PlanConsumer) -> bool {
         if !self.signals.is_waiting() || !recorded {
             return recorded;
         }
-        // A trace that says otherwise differs; nothing waits for it.
+        // A trace that contradicts this differs; nothing waits for it.
         if self.signals.is_over() {
             wait_for_planner(|| motion.can_leave_wait(queue) || queue.is_abandoned());
         }
         self.signals.is_over()
     }
 
-    /// What the next setpoint goes by of the probe.
+    /// The probe's input for the next setpoint.
     pub(crate) fn take_probe(&mut self) -> ProbeInput {
         self.signals.take_probe()
     }
 
-    /// How the spindle that motion follows turns when the setpoint of this number is due.
+    /// The rotation of the spindle that the motion follows, at the due time of this setpoint.
     pub(crate) fn spindle_at(&self, sequence: u64) -> SpindleInput {
         self.signals.spindle_at(sequence)
     }
@@ -113,13 +113,13 @@ impl SignalReplay {
         self.signals.is_waiting()
     }
 
-    /// The machine has left its wait.
+    /// Continues after a wait.
     pub(crate) fn go_on(&mut self) {
         let _was_over = self.signals.take_resume();
     }
 
-    /// After a setpoint. `is_of_program`: it is one of a program, whose outputs are compared. Whether an
-    /// output had changed when it was recorded.
+    /// After a setpoint. `is_of_program`: it belongs to a program, whose outputs are compared. Returns
+    /// whether an output had changed when it was recorded.
     pub(crate) fn step(&mut self, setpoint: &Setpoint, is_of_program: bool) -> bool {
         let sequence = setpoint.sequence;
         let mut has_changed = false;
@@ -129,7 +129,7 @@ impl SignalReplay {
                 self.recorded.set(kind, number, change.value.unwrap_or(0.0));
             }
         }
-        // What a fault has made safe, and since when, is no matter of the program.
+        // Outputs made safe by a fault do not depend on the program.
         if !is_of_program || setpoint.state == State::Fault {
             return has_changed;
         }
@@ -158,13 +158,13 @@ impl SignalReplay {
         has_changed
     }
 
-    /// How many values differed, and the first of them.
+    /// Number of values that differed, and the first of them.
     pub(crate) fn differences(&self) -> (u64, Option<OutputDifference>) {
         (self.differences, self.first)
     }
 }
 
-/// The next change that counts by this setpoint.
+/// The next change that is due by this setpoint.
 fn pop_due(changes: &mut VecDeque<SignalChange>, sequence: u64) -> Option<SignalChange> {
     if changes.front()?.sequence > sequence {
         return None;

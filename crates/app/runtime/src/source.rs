@@ -1,4 +1,4 @@
-//! The commands of a program file, from its beginning or from a line on.
+//! The commands of a program file, from its beginning or from a given line.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -16,21 +16,21 @@ use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::refusal::{ProgramError, about_line_with};
 
-/// Bytes that are read at once, at most.
+/// Maximum number of bytes read at once.
 const MAX_READ_AHEAD: u64 = 128 * 1024;
 
-/// How a program goes on in the middle: to be shown before anything moves.
+/// How a program starts in the middle; shown before anything moves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
-    /// What the lines before have left.
+    /// The state after the preceding lines.
     pub restart: Restart,
     /// Outputs of the machine that are set before the approach, in this order.
     pub outputs: Vec<String>,
-    /// The moves to the place where it goes on, one per line.
+    /// The moves to the starting position, one per line.
     pub approach: Vec<String>,
 }
 
-/// The output that an action sets, by its name in the machine file; none of other actions.
+/// The output that an action sets, by its name in the machine file; `None` for other actions.
 fn output_text(action: &Action, machine: &Machine) -> Option<String> {
     let name = |kind, index: u32| {
         let named = machine.signals.output(kind, index);
@@ -48,8 +48,8 @@ fn output_text(action: &Action, machine: &Machine) -> Option<String> {
     }
 }
 
-/// Interprets a program file as commands are asked for. Everything that needs the commands of a program gets
-/// them here, so that blocks have the same numbers everywhere.
+/// Interprets a program file on demand. All parts that need the commands of a program use this, so that
+/// blocks have the same numbers everywhere.
 #[derive(Debug)]
 pub struct Commands {
     interpreter: Interpreter<BufReader<File>>,
@@ -57,15 +57,15 @@ pub struct Commands {
     start: Option<Start>,
 }
 
-/// Reads a program, with no more room than it needs: blocks of MDI are many and short.
+/// Reads a program with a buffer no larger than needed: blocks of MDI are many and short.
 pub(crate) fn reader_of(file: File) -> BufReader<File> {
     let bytes = file.metadata().map_or(MAX_READ_AHEAD, |facts| facts.len() + 1);
     BufReader::with_capacity(bytes.min(MAX_READ_AHEAD) as usize, file)
 }
 
 impl Commands {
-    /// Opens a program. Where the set-up names a line to begin at, the lines before are interpreted now, and
-    /// the commands begin with the way there.
+    /// Opens a program. If the setup names a start line, the preceding lines are interpreted now, and the
+    /// commands begin with the approach.
     ///
     /// # Errors
     /// The file cannot be read, or the program cannot begin at that line.
@@ -73,8 +73,8 @@ impl Commands {
         Self::opened(program, setup, None)
     }
 
-    /// The same, with loops and subroutines of at most `max_body_bytes`. Another thread can end it by
-    /// `interrupt`: lines before the one to begin at can take minutes.
+    /// Like [`Commands::open`], with loops and subroutines of at most `max_body_bytes`. Another thread can
+    /// end it by `interrupt`, since the lines before the start line can take minutes.
     ///
     /// # Errors
     /// As [`Commands::open`]; [`evolvent_gcode::Code::Interrupted`] and
@@ -135,14 +135,14 @@ impl Commands {
                 MachineKind::Mill => AxisLetter::Z,
             };
             let from = setup.start();
-            // At the end of its travel the tool is as far from the work as it can be.
+            // At the end of its travel the tool is as far from the workpiece as possible.
             let clear = setup
                 .machine
                 .axis(axis)
                 .map_or(from[axis.index()], |axis| axis.travel_max);
             let approach = restart.approach(&from, axis, clear).map_err(wrong)?;
             first.extend(approach.commands);
-            // A further piece of a thread is refused before anything moves.
+            // A start at a later piece of a thread is rejected before anything moves.
             if interpreter.begins_behind_thread() {
                 match interpreter.next() {
                     Some(Ok(command)) => first.push_back(command),
@@ -166,60 +166,60 @@ impl Commands {
         })
     }
 
-    /// How the program goes on in the middle, if it does.
+    /// The start in the middle of the program, if any.
     #[must_use]
     pub fn start(&self) -> Option<&Start> {
         self.start.as_ref()
     }
 
-    /// Leaves out lines that begin with `/`, or not, from the next line on that is read.
+    /// Sets whether lines that begin with `/` are skipped, from the next line read on.
     pub(crate) fn set_block_delete(&mut self, on: bool) {
         self.interpreter.set_block_delete(on);
     }
 
-    /// The result of an input (M66), before the next command is read.
+    /// Sets the result of an input (M66) before the next command is read.
     pub(crate) fn answer_input(&mut self, value: f64) {
         self.interpreter.answer_input(value);
     }
 
-    /// The result of a probing move, before the next command is read.
+    /// Sets the result of a probing move before the next command is read.
     pub(crate) fn answer_probe(&mut self, contact: &Axes, stands_at: &Axes, tripped: bool) {
         let _is_position = self.interpreter.answer_probe(contact, stands_at, tripped);
     }
 
-    /// Where the probe was last, in program coordinates and units: #5061 to #5069.
+    /// The last contact of the probe, in program coordinates and units: #5061 to #5069.
     pub(crate) fn probed(&self) -> [f64; 9] {
         std::array::from_fn(|axis| self.interpreter.parameter(5061 + axis as u32))
     }
 
-    /// Lines that begin with `/`, as far as they were read: skipped, executed.
+    /// Number of lines read that begin with `/`: skipped, executed.
     pub(crate) fn block_delete_lines(&self) -> (u64, u64) {
         self.interpreter.block_delete_lines()
     }
 
-    /// How many files of subroutines have been read.
+    /// Number of subroutine files read.
     pub(crate) fn file_count(&self) -> usize {
         self.interpreter.subroutine_file_count()
     }
 
-    /// Name and text of each.
+    /// Name and text of each subroutine file.
     pub(crate) fn files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
         self.interpreter.subroutine_files()
     }
 
-    /// The modes after the line that was read last.
+    /// The modes after the last line read.
     #[must_use]
     pub fn modal(&self) -> Modal {
         self.interpreter.modal()
     }
 
-    /// The F word in force after the line that was read last, and what it means in mm/s.
+    /// The F word in force after the last line read, and its value in mm/s.
     pub(crate) fn feed_per_minute(&self) -> Option<(f64, f64)> {
         self.interpreter.feed_per_minute()
     }
 
-    /// Lines that set what the machine has answered so far, in another program, except parameters that a file
-    /// keeps.
+    /// Lines that restore, in another program, the machine's answers so far, except parameters kept in a
+    /// file.
     fn results(&self, kept: Option<&KeptParameters>) -> String {
         RESULTS
             .into_iter()
@@ -230,7 +230,7 @@ impl Commands {
             .collect()
     }
 
-    /// What the program has changed in `memory` up to the line that was read last.
+    /// `memory` with the changes that the program has made up to the last line read.
     #[must_use]
     pub fn left(&self, memory: &ProgramMemory) -> ProgramMemory {
         let mut left = memory.clone();
@@ -249,8 +249,8 @@ impl Commands {
     }
 }
 
-/// Numbers of the parameters with answers of the machine: where the probe was last and whether it tripped,
-/// and what an input was when a wait (M66) ended.
+/// Parameters with answers of the machine: last contact of the probe and whether it tripped, and the value of
+/// an input when a wait (M66) ended.
 const RESULTS: [u32; 11] = [5061, 5062, 5063, 5064, 5065, 5066, 5067, 5068, 5069, 5070, 5399];
 
 impl Iterator for Commands {
@@ -265,7 +265,7 @@ impl Iterator for Commands {
 }
 
 impl Start {
-    /// What the operator has to know before the machine moves, several lines.
+    /// What the operator must know before the machine moves, in several lines.
     #[must_use]
     pub fn told(&self) -> String {
         use std::fmt::Write as _;

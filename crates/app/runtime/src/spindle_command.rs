@@ -1,38 +1,38 @@
-//! The speeds that the spindles are commanded, setpoint by setpoint.
+//! Commanded speeds of the spindles, setpoint by setpoint.
 
 use evolvent_gcode::{Outputs, SPINDLES, SpindleDirection};
 use evolvent_machine::{MAX_SPINDLES, SignalSettings};
 
 use crate::due_setpoint::SpindleOverrides;
 
-// A program names as many spindles as a machine may have.
+// A program can use as many spindles as a machine may have.
 const _: () = assert!(SPINDLES == MAX_SPINDLES as usize);
 
-/// A speed that follows the radius is sent again where it has changed by more than this part of itself.
+/// A surface-speed command is sent again when it has changed by more than this fraction.
 const MIN_CHANGE: f64 = 0.001;
 
-/// Time between two steps of a ramp, ns: drives read their commands no faster.
+/// Time between two steps of a ramp, ns: drives do not read their commands faster.
 const RAMP_STEP_NS: u64 = 1_000_000;
 
 /// The command to a spindle with one setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SpindleCommand {
-    /// With the override of the operator, rpm, not negative; that of a stopped spindle is kept for its next
-    /// start.
+    /// Including the operator's override, rpm, not negative. The speed of a stopped spindle is kept for its
+    /// next start.
     pub rpm: f64,
-    /// The direction while a ramp goes on; none where it is the one of the program.
+    /// The direction while a ramp is in progress; `None` if it is that of the program.
     pub passing: Option<SpindleDirection>,
 }
 
 /// A speed that changes at a limited rate.
 #[derive(Clone, Copy, Debug)]
 struct Ramp {
-    /// Change of a step, rpm.
+    /// Change per step, rpm.
     step_rpm: f64,
-    /// Setpoints from step to step, and since the last one.
+    /// Number of setpoints between steps, and since the last one.
     every: u64,
     passed: u64,
-    /// Negative counter-clockwise.
+    /// Present speed, rpm, negative counter-clockwise.
     rpm: f64,
     target_rpm: f64,
 }
@@ -49,7 +49,7 @@ impl Ramp {
         }
     }
 
-    /// One setpoint on.
+    /// Advances by one setpoint.
     fn follow(&mut self, target_rpm: f64, is_at_once: bool) {
         self.target_rpm = target_rpm;
         self.passed += 1;
@@ -74,7 +74,7 @@ impl Ramp {
     }
 }
 
-/// The commands to the spindles with the setpoint that has left last.
+/// The commands to the spindles with the last published setpoint.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpindleCommands {
     mask: u32,
@@ -84,7 +84,7 @@ pub(crate) struct SpindleCommands {
 }
 
 impl SpindleCommands {
-    /// `period_ns`: from one setpoint to the next.
+    /// `period_ns` is the time between setpoints.
     pub(crate) fn new(settings: &SignalSettings, period_ns: u64) -> Self {
         Self {
             mask: settings.spindle_mask(),
@@ -107,7 +107,7 @@ impl SpindleCommands {
         })
     }
 
-    /// The spindles that the machine has.
+    /// Mask of the machine's spindles.
     pub(crate) fn mask(&self) -> u32 {
         self.mask
     }
@@ -117,7 +117,7 @@ impl SpindleCommands {
         self.ramps.get(number).is_some_and(Option::is_some)
     }
 
-    /// The present commands in these directions, negative counter-clockwise, 0 of what is stopped.
+    /// The present commands in these directions, rpm, negative counter-clockwise, 0 if stopped.
     pub(crate) fn signed_rpm(&self, outputs: &Outputs) -> [f64; SPINDLES] {
         let now = self.now();
         std::array::from_fn(|number| {
@@ -130,8 +130,8 @@ impl SpindleCommands {
         })
     }
 
-    /// Goes on to a setpoint with its X in machine coordinates, mm. `is_new`: the program has commanded
-    /// something.
+    /// Advances to a setpoint with its X in machine coordinates, mm. `is_new`: the program has sent a
+    /// command.
     pub(crate) fn follow(
         &mut self,
         outputs: &Outputs,
@@ -157,7 +157,7 @@ impl SpindleCommands {
         }
     }
 
-    /// Whether a spindle with a ramp turns, or is about to.
+    /// Whether a spindle with a ramp turns, or is about to turn.
     pub(crate) fn ramps_turn(&self) -> bool {
         self.ramps
             .iter()
@@ -165,8 +165,7 @@ impl SpindleCommands {
             .any(|ramp| ramp.rpm != 0.0 || ramp.target_rpm != 0.0)
     }
 
-    /// Ends every ramp at its target: the drives lose their power, and what a ramp would do for them is
-    /// theirs to do.
+    /// Ends every ramp at its target: the drives lose power and slow down on their own.
     pub(crate) fn end_ramps(&mut self) {
         for ramp in self.ramps.iter_mut().flatten() {
             ramp.follow(ramp.target_rpm, true);
@@ -174,7 +173,7 @@ impl SpindleCommands {
     }
 }
 
-/// What the status shows, of the spindle with the lowest number: negative counter-clockwise, 0 where it is
+/// The speed for the status, of the spindle with the lowest number, rpm: negative counter-clockwise, 0 if
 /// stopped.
 pub(crate) fn shown_rpm(
     outputs: &Outputs,
@@ -228,14 +227,14 @@ mod tests {
             told += u32::from(command.now()[1].rpm != before);
             before = command.now()[1].rpm;
         }
-        // ln(3000 / 318.3) / 0.001, and no more near the centre.
+        // ln(3000 / 318.3) / 0.001, and no more close to the centre.
         assert!((1800..2400).contains(&told), "{told}");
         assert!((command.now()[1].rpm / 3000.0 - 1.0).abs() < 0.0011);
         command.follow(&outputs, 50.0, &[1.0, 0.5, 1.0, 1.0], true);
         assert!((command.now()[1].rpm - 159.155).abs() < 0.001);
     }
 
-    /// 500 rpm/s by the definition: each millisecond half a revolution per minute, through zero too.
+    /// By definition of 500 rpm/s: half a revolution per minute each millisecond, also through zero.
     #[test]
     fn a_ramp_changes_by_its_rate_through_zero_and_ends_at_once_without_power() {
         let mut commands = SpindleCommands {

@@ -1,5 +1,4 @@
-//! The end of a run whose spindles have ramps: the axes rest, with setpoints as before, until the ramps have
-//! ended at 0.
+//! The end of a run whose spindles have ramps: setpoints at rest continue until the ramps have ended at 0.
 
 use evolvent_machine::SignalSettings;
 use evolvent_motion::{Setpoint, State, flags};
@@ -7,15 +6,15 @@ use evolvent_path::Axes;
 
 use crate::shared::Controls;
 
-/// Time beyond the longest ramp for the publisher to follow, ns.
+/// Time beyond the longest ramp for the publisher's lag, ns.
 const MARGIN_NS: u64 = 500_000_000;
 
-/// Whether a run whose program has ended goes on for its spindles. Real-time safe.
+/// Whether a run continues for its spindles after the end of its program. Real-time safe.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpindleRundown {
-    /// Setpoints after the end at most; 0 where no spindle has a ramp.
+    /// Maximum number of setpoints after the end; 0 if no spindle has a ramp.
     max_cycles: u64,
-    /// The setpoint with which the program has ended.
+    /// The setpoint with which the program ended.
     ended: Option<u64>,
     is_running: bool,
 }
@@ -28,7 +27,7 @@ impl SpindleRundown {
         is_running: false,
     };
 
-    /// As long as the slowest ramp takes from the highest speed, at most.
+    /// Continues at most as long as the slowest ramp takes from its highest speed.
     pub(crate) fn new(settings: &SignalSettings, period_ns: u64) -> Self {
         let longest_s = settings
             .spindles
@@ -45,13 +44,13 @@ impl SpindleRundown {
         }
     }
 
-    /// Whether the last setpoint was not the last of the run although its program had ended.
+    /// Whether the run continues although its program has ended.
     pub(crate) fn is_running(&self) -> bool {
         self.is_running
     }
 
-    /// With a setpoint that could be the last: whether another follows. It then loses its flag LAST. After a
-    /// fault, and with the emergency-stop chain open, ramps end at once.
+    /// For a setpoint that could be the last: returns whether another follows, and then clears its flag LAST.
+    /// After a fault, and with an open emergency-stop chain, ramps end at once.
     pub(crate) fn follow(&mut self, setpoint: &mut Setpoint, controls: &Controls, is_estopped: bool) -> bool {
         let is_at_end = setpoint.flags & flags::LAST != 0
             && matches!(setpoint.state, State::Done | State::Stopped)
@@ -69,7 +68,7 @@ impl SpindleRundown {
     }
 }
 
-/// The setpoint after the end of a program: the axes rest. It is the last unless another follows.
+/// The setpoint after the end of a program, at rest. It is the last unless another follows.
 pub(crate) fn rest_after(last: &Setpoint) -> Setpoint {
     Setpoint {
         sequence: last.sequence + 1,
@@ -121,7 +120,8 @@ mod tests {
         }
     }
 
-    /// Setpoints until one keeps its flag; the publisher tells of each `lag` setpoints later.
+    /// Number of setpoints until one keeps its flag; the publisher reports each of them `lag` setpoints
+    /// later.
     fn cycles(settings: &SignalSettings, state: State, turns_until: u64, lag: u64) -> u64 {
         let controls = Controls::new(1.0);
         let mut rundown = SpindleRundown::new(settings, 1_000_000);
@@ -141,9 +141,9 @@ mod tests {
         let ramp = settings(Some(1000.0));
         assert_eq!(cycles(&ramp, State::Done, 700, 2), 603);
         assert_eq!(cycles(&ramp, State::Stopped, 700, 2), 603);
-        // What was said before the end is not about its ramps.
+        // Reports from before the end do not count.
         assert_eq!(cycles(&ramp, State::Done, 0, 2), 3);
-        // 3 s of ramp and half a second.
+        // 3 s of ramp and half a second of margin.
         assert_eq!(cycles(&ramp, State::Done, u64::MAX, 2), 3500);
         assert_eq!(cycles(&ramp, State::Fault, 700, 2), 0);
         assert_eq!(cycles(&settings(None), State::Done, 700, 2), 0);

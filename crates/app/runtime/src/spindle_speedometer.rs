@@ -1,24 +1,24 @@
-//! How fast a spindle turns, as feed goes by it: without the noise of its encoder, and told where it has
+//! The speed of a spindle as used by the feed: without the noise of its encoder, and reported when it has
 //! changed.
 
 use evolvent_bus::SpindleFeedback;
 
-/// Time constant of the low pass, s: the ripple of a slow turn is no change of speed.
+/// Time constant of the low-pass filter, s: ripple within a slow turn is not a change of speed.
 const FILTER_S: f64 = 0.03;
-/// A speed is sent again where it has changed by more than this part of itself, or by 1 rpm.
+/// A speed is sent again when it has changed by more than this fraction, or by 1 rpm.
 const MIN_CHANGE: f64 = 0.005;
 
-/// The speed of one spindle. Neither allocates nor waits.
+/// The speed of one spindle. Does not allocate or wait.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Speedometer {
-    /// Number and time of the newest sample, and the speed after the low pass, rpm.
+    /// Number and time of the newest sample, and the filtered speed, rpm.
     newest: Option<(u64, u64, f64)>,
     told_rpm: Option<f64>,
 }
 
 impl Speedometer {
-    /// The speed that a ramp commands, rpm, not negative, in the same steps; exact at its end. `is_passing`:
-    /// it has not ended.
+    /// The commanded speed of a ramp, rpm, not negative, in the same steps, and exact at its end.
+    /// `is_passing`: the ramp has not ended.
     pub(crate) fn commanded_rpm(&mut self, rpm: f64, is_passing: bool) -> f64 {
         let told = self
             .told_rpm
@@ -28,8 +28,8 @@ impl Speedometer {
         told
     }
 
-    /// The speed that is reported, rpm, never negative; none where it is not measured. `known`: the newest
-    /// sample, where it is not too old.
+    /// The reported speed, rpm, never negative; `None` if it is not measured. `known` is the newest sample,
+    /// unless it is too old.
     pub(crate) fn rpm(&mut self, known: Option<&SpindleFeedback>) -> Option<f64> {
         let Some(sample) = known else {
             *self = Self::default();

@@ -1,28 +1,28 @@
-//! Whether a spindle that had come to its speed has been brought to a stand by what it cuts.
+//! Detects whether the cut has stopped a spindle that had reached its speed.
 
-/// Share of the commanded speed at which it has been reached.
+/// Fraction of the commanded speed from which on the speed counts as reached.
 const REACHED: f64 = 0.8;
-/// Share below which a spindle that had reached it stands.
+/// Fraction of the commanded speed below which a spindle that had reached it counts as stopped.
 const STALLED: f64 = 0.2;
-/// A command above the reached speed times this is a new speed, which has to be reached first.
+/// A command above the reached speed times this factor is a new speed, which has to be reached first.
 const RAISED: f64 = 1.25;
 /// Minimum duration of a stall, s, and in turns at the commanded speed: a coarse encoder reports a slow
 /// spindle's speed in jumps.
 const MIN_S: f64 = 0.2;
 const MIN_TURNS: f64 = 0.5;
 
-/// Watches one spindle. Neither allocates nor waits.
+/// Monitors one spindle. Does not allocate or wait.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct StallWatch {
     /// The commanded direction, 1 or -1; 0 to stop.
     direction: f64,
-    /// The commanded speed that was reached, rpm; 0 for none.
+    /// The commanded speed that was reached, rpm; 0 if none.
     reached_rpm: f64,
     stands_since_ns: Option<u64>,
 }
 
 impl StallWatch {
-    /// One look. Both speeds are negative counter-clockwise, rpm.
+    /// Checks one pair of speeds, both in rpm and negative counter-clockwise.
     pub(crate) fn is_stalled(&mut self, commanded_rpm: f64, measured_rpm: f64, now_ns: u64) -> bool {
         let direction = if commanded_rpm == 0.0 {
             0.0
@@ -60,7 +60,7 @@ impl StallWatch {
 mod tests {
     use super::*;
 
-    /// Looks each millisecond; the first at which it is stalled.
+    /// Checks each millisecond; returns the first at which the spindle is stalled.
     fn stalls(speeds: impl Fn(u64) -> (f64, f64)) -> Option<u64> {
         let mut watch = StallWatch::default();
         (0..10_000).find(|ms| {
@@ -87,7 +87,7 @@ mod tests {
             });
             assert_eq!(found, Some(2200));
         }
-        // Half a turn of a slow one takes longer.
+        // Half a turn at a low speed takes longer.
         assert_eq!(stalls(|ms| (30.0, if ms < 50 { 30.0 } else { 0.0 })), Some(1050));
     }
 

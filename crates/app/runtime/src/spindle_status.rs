@@ -1,4 +1,4 @@
-//! What the status says of the spindles: command, measured speed, override.
+//! Status fields of the spindles: command, measured speed, override.
 
 use evolvent_bus::Status;
 use evolvent_gcode::SPINDLES;
@@ -7,19 +7,19 @@ use crate::periphery::Periphery;
 use crate::signal_port::SignalPort;
 use crate::spindle_command::SpindleCommands;
 
-/// The spindles with the setpoint that has left last.
+/// The spindles with the last published setpoint.
 pub(crate) struct SpindleStatus<'a> {
     pub commands: &'a SpindleCommands,
-    /// What bridges report, where the machine has signals.
+    /// Reports of bridges, if the machine has signals.
     pub signals: Option<&'a SignalPort>,
     /// Spindles whose override the program has switched off.
     pub override_off_mask: u32,
-    /// Of CLOCK_MONOTONIC.
+    /// Time of CLOCK_MONOTONIC.
     pub now_ns: u64,
 }
 
 impl SpindleStatus<'_> {
-    /// Writes it into a status.
+    /// Fills the fields of a status.
     pub(crate) fn fill(&self, periphery: &Periphery, status: &mut Status) {
         let mask = self.commands.mask();
         status.spindle_mask = mask;
@@ -35,7 +35,7 @@ impl SpindleStatus<'_> {
                 .and_then(|signals| signals.measured_rpm(number as u32, self.now_ns));
             status.spindle_measured_rpm[number] = measured.map_or(f32::NAN, |rpm| rpm as f32);
         }
-        // A ramp lags behind what the program has commanded.
+        // The speed of a ramp lags behind the command of the program.
         let first = mask.trailing_zeros() as usize;
         if self.commands.has_ramp(first) {
             status.spindle_rpm = signed[first];

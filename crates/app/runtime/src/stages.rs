@@ -1,4 +1,4 @@
-//! The planner in one thread, or its two halves in one each.
+//! The planner on one thread, or its two stages on one thread each.
 
 use std::collections::VecDeque;
 use std::io;
@@ -16,17 +16,17 @@ use evolvent_planner::{MoveValidator, PathItem, PathStage, PlanError, PlanSink, 
 use crate::job::Setup;
 use crate::tally::Tally;
 
-/// Moves whose path waits for its time law.
+/// Capacity of the queue of moves from path stage to timing stage.
 const LOTS: usize = 256;
-/// How long the second half waits for path before it looks whether the cycle asks for something.
+/// Maximum wait of the timing stage for path before it checks for requests of the cycle.
 const POLL_INTERVAL: Duration = Duration::from_micros(100);
 
-/// Plans one program. Both ways give the same plan, bit for bit.
+/// Plans one program. Both variants give the same plan, bit for bit.
 #[expect(clippy::large_enum_variant, reason = "there is one of it")]
 pub(crate) enum Stages<S> {
-    /// In the thread that calls.
+    /// On the calling thread.
     One(Planner<Tally<S>>),
-    /// The path here, its time law in another thread.
+    /// The path on the calling thread, its time law on another one.
     Two(TwoThreadPlanner),
 }
 
@@ -36,10 +36,10 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
         Self::One(Planner::new(setup.path_limits(), rules, Tally::new(sink)))
     }
 
-    /// In two threads, if the machine's planner has two halves.
+    /// On two threads, if the machine's planner has two stages.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// The operating system cannot start a thread.
     pub(crate) fn two(setup: &Setup, feed_override: f64, sink: S) -> io::Result<Self>
     where
         S: Send + 'static,
@@ -110,7 +110,7 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
     pub(crate) fn poll(&mut self) -> Result<(), QueueClosed> {
         match self {
             Self::One(planner) => planner.poll(),
-            // The other thread looks by itself.
+            // The other thread polls by itself.
             Self::Two(_) => Ok(()),
         }
     }
@@ -130,7 +130,7 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
         }
     }
 
-    /// Seconds planned; of two halves only once they are done.
+    /// Planned seconds; with two threads only once they have ended.
     pub(crate) fn planned_s(&self) -> f64 {
         match self {
             Self::One(planner) => planner.sink().planned_s,
@@ -138,7 +138,7 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
         }
     }
 
-    /// Blocks whose plan is final, with their seconds; the last may yet grow.
+    /// Blocks whose plan is final, with their seconds; the last one may still grow.
     pub(crate) fn finished(&mut self) -> &mut VecDeque<(u32, f64)> {
         match self {
             Self::One(planner) => &mut planner.sink_mut().finished,
@@ -150,23 +150,23 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
     }
 }
 
-/// What the second half tells the first.
+/// Events from the timing stage to the path stage.
 enum TimingStageEvent {
     Block((u32, f64)),
-    /// All the path has been planned.
+    /// The whole path is planned.
     End,
 }
 
-/// The first half, and the way to the second.
+/// The path stage, and the queues to the timing stage.
 pub(crate) struct TwoThreadPlanner {
     validator: MoveValidator,
     shaper: PathStage,
-    /// What one move makes of the path; none once the path has ended.
+    /// The path of each move; `None` once the path has ended.
     lots: Option<SyncSender<Vec<PathItem>>>,
     told: Receiver<TimingStageEvent>,
     /// The line from which no motion was found.
     failed_at: Arc<OnceLock<u32>>,
-    /// Ends with the seconds that it has planned.
+    /// Returns the seconds that it has planned.
     thread: Option<JoinHandle<f64>>,
     finished: VecDeque<(u32, f64)>,
     planned_s: f64,
@@ -191,14 +191,14 @@ impl TwoThreadPlanner {
     }
 
     fn send(&self, lot: Vec<PathItem>) -> Result<(), QueueClosed> {
-        // A lot of nothing is sent as well: the second half plans after every move, as one thread does.
+        // An empty lot is sent as well: the timing stage plans after every move, as one thread does.
         let lots = self.lots.as_ref().ok_or(QueueClosed)?;
         lots.send(lot).map_err(|_| QueueClosed)
     }
 
     fn finish(&mut self, line: u32) -> Result<(), QueueClosed> {
         let sent = self.rest(Step::End { line });
-        // The other thread has planned all, or has gone, when nothing more comes of blocks.
+        // The other thread has planned everything, or has ended, once its channel is closed.
         self.lots = None;
         while let Ok(TimingStageEvent::Block(block)) = self.told.recv() {
             self.finished.push_back(block);
@@ -223,7 +223,7 @@ impl TwoThreadPlanner {
     }
 }
 
-/// The second half: path in, plan out, until the cycle has gone. Gives the seconds that it has planned.
+/// The timing stage: path in, plan out, until the cycle has ended. Returns the seconds that it has planned.
 fn pace<S: PlanSink<Error = QueueClosed>>(
     mut pacer: TimingStage<Tally<S>>,
     path: &Receiver<Vec<PathItem>>,
@@ -246,9 +246,9 @@ fn pace<S: PlanSink<Error = QueueClosed>>(
         }
     }
     tell(&mut pacer, teller, 0);
-    // There may be no listener any more.
+    // The listener may have gone.
     let _gone = teller.send(TimingStageEvent::End);
-    // Holds and overrides are answered as long as the program runs; the only way out is that nobody asks any
+    // Replies to holds and overrides while the program runs. It returns when nothing can send requests any
     // more.
     let _gone = pacer.serve_until_closed();
     pacer.sink().planned_s
@@ -280,7 +280,7 @@ mod tests {
 
     use super::*;
 
-    /// Everything that came, in order, for somebody who looks at it later.
+    /// Collects everything in order, for inspection.
     #[derive(Clone, Default)]
     struct Kept(Arc<Mutex<Vec<String>>>);
 
@@ -320,7 +320,7 @@ mod tests {
         }
     }
 
-    /// A consumer that takes so many steps and goes.
+    /// A consumer that takes this number of steps and ends.
     struct Leaving(u32);
 
     impl PlanSink for Leaving {
@@ -390,7 +390,7 @@ mod tests {
     fn a_consumer_that_has_gone_ends_both_threads() {
         let mut planner = Stages::two(&setup(), 1.0, Leaving(100)).expect("a thread");
         let (teller, told) = channel();
-        // Aside: what does not end would not fail either.
+        // On a separate thread: a planner that never ends would not fail the test.
         thread::spawn(move || {
             let ended = (0..100_000).find_map(|k| planner.push(&corner(k), k + 1, k).err());
             let finished = planner.finish(1);

@@ -1,5 +1,5 @@
-//! A program that goes by a cutting load: the time before it moves, and its end where the drives that cut
-//! stop by themselves.
+//! A program that depends on a cutting load: the wait before it moves, and its end if the drives of the cut
+//! stop on their own.
 
 use evolvent_drive::DriveAlarm;
 use evolvent_machine::FeedbackMode;
@@ -7,22 +7,22 @@ use evolvent_machine::FeedbackMode;
 use crate::job::Job;
 use crate::shared::Controls;
 
-/// How long a load is waited for, and drives that answer until they follow, ns.
+/// Maximum wait for a load, and for drives with feedback to follow, ns.
 const PATIENCE_NS: u64 = 15_000_000_000;
-/// Drives that measure a load answer within this time after the first reading, ns.
+/// Drives that measure a load send feedback within this time after the first reading, ns.
 const ANSWER_NS: u64 = 100_000_000;
 
-/// Why a program was not begun.
+/// Why a program did not begin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum NotBegun {
-    /// No load has come in.
+    /// No load was received.
     NoLoad,
-    /// Drives answer, and do not follow.
+    /// Drives send feedback but do not follow.
     DrivesStand,
 }
 
 impl NotBegun {
-    /// What has happened and what to do.
+    /// What happened, and the remedy.
     pub(crate) fn text(self) -> String {
         let seconds = PATIENCE_NS / 1_000_000_000;
         match self {
@@ -39,22 +39,22 @@ impl NotBegun {
     }
 }
 
-/// Whether the program of a job goes by a load that comes over the bus.
+/// Whether the program of a job depends on a load from the bus.
 pub(crate) fn needs_load(job: &Job, controls: &Controls) -> bool {
     job.is_realtime() && (job.setup.process.is_some() || controls.adaptive().is_some())
 }
 
-/// Holds a program at its start until a load comes in, and until drives that answer follow: what moves before
-/// cuts nothing that anybody feels, and neither does what moves after they have stopped. Real-time safe.
+/// Holds a program at its start until a load arrives and drives with feedback follow. Without them, before
+/// the start or after they have stopped, no sensor would measure a cut. Real-time safe.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Standby {
     period_ns: u64,
     waits: bool,
     waited_ns: u64,
-    /// Since the first reading.
+    /// Time since the first reading.
     felt_ns: u64,
     watches_drives: bool,
-    /// The program has begun, and drives have followed.
+    /// The program has begun, and the drives have followed it.
     have_followed: bool,
 }
 
@@ -77,17 +77,17 @@ impl Standby {
         self
     }
 
-    /// Why drives that have followed the program follow it no more.
+    /// The reason why drives that have followed the program no longer do so.
     pub(crate) fn drive_stop(&mut self, controls: &Controls) -> Option<DriveAlarm> {
         let report = controls.drives().filter(|_| self.watches_drives && !self.waits)?;
         self.have_followed |= report.follows();
         report.stop_cause().filter(|_| self.have_followed)
     }
 
-    /// Whether the program is held in this cycle.
+    /// Returns whether the program is held in this cycle.
     ///
     /// # Errors
-    /// It has been held for too long: the run ends.
+    /// It was held for too long: the run ends.
     pub(crate) fn step(&mut self, controls: &Controls) -> Result<bool, NotBegun> {
         if !self.waits {
             return Ok(false);
@@ -141,7 +141,7 @@ mod tests {
         assert_eq!(cycles_until_begun(&controls, 15_000), None);
         controls.set_load(0.0, 100.0);
         assert_eq!(cycles_until_begun(&controls, 1000), Some(100));
-        // Drives that answer have to follow.
+        // Drives with feedback must follow.
         controls.set_drives(drives(BridgeState::Holding));
         assert_eq!(cycles_until_begun(&controls, 15_000), None);
         controls.set_drives(drives(BridgeState::Following));
@@ -168,7 +168,7 @@ mod tests {
         let controls = Controls::new(1.0);
         let mut standby = Standby::new(true, PERIOD_NS);
         controls.set_load(0.0, 100.0);
-        // Before it begins they may stand.
+        // They may be stopped before the program begins.
         for state in [
             BridgeState::Following,
             BridgeState::Holding,

@@ -1,4 +1,4 @@
-//! Why a run, or serving a machine, could not be started.
+//! Why a run or a service could not start.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -6,23 +6,23 @@ use std::time::Duration;
 use evolvent_bus::BusError;
 use evolvent_trace::RecordError;
 
-/// How long to wait for the bus: opening clears what killed runs have left, and may wait for subscribers.
+/// Time limit for opening the bus, which removes the remains of killed runs and may wait for subscribers.
 pub(crate) const BUS_TIMEOUT: Duration = Duration::from_secs(30);
-/// How long to wait for an emergency-stop chain that is closed.
+/// Time limit for the emergency-stop chain to close.
 pub(crate) const CHAIN_TIMEOUT: Duration = Duration::from_secs(10);
-/// How long to wait for the first setpoint of a served machine.
+/// Time limit for the first setpoint of a served machine.
 pub(crate) const CYCLE_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Why a run could not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// The bus.
+    /// Error of the bus.
     #[error(transparent)]
     Bus(#[from] BusError),
     /// The bus did not open in time.
     #[error("the bus did not open within {} s; see whether shared memory is usable (`evolvent doctor`)", BUS_TIMEOUT.as_secs())]
     BusTimeout,
-    /// The machine file wants drives watched.
+    /// The machine file requires monitoring of the drives.
     #[error(
         "the machine file asks for drives that answer (drives.feedback = \"required\"), and `run` does not \
          watch drives: use `evolvent serve`, or \"if_present\" for a run without a machine"
@@ -40,7 +40,7 @@ pub enum StartError {
          and see that the bridge runs", CHAIN_TIMEOUT.as_secs()
     )]
     ChainOpen,
-    /// The trace.
+    /// Error of the trace.
     #[error(transparent)]
     Trace(#[from] RecordError),
     /// The cycle's thread computes nothing.
@@ -50,7 +50,7 @@ pub enum StartError {
         CYCLE_TIMEOUT.as_secs()
     )]
     CycleTimeout,
-    /// The modes that the interpreter begins with are refused.
+    /// The initial modes of the interpreter are rejected.
     #[error(
         "the modes at power-up are refused: {0}; see program, tool table and parameters in the machine file"
     )]
@@ -67,7 +67,7 @@ pub enum StartError {
         /// Name and process of the other.
         holder: String,
     },
-    /// The operating system gave no thread.
+    /// The operating system cannot start a thread.
     #[error("a thread could not be started: {0}; free memory or raise the limit of processes")]
     Thread(#[from] std::io::Error),
 }

@@ -1,4 +1,4 @@
-//! What the status says, and its way to the bus: of a run and of a served machine alike.
+//! The status of a run or of a served machine, and its publication.
 
 use evolvent_bus::{CoreBus, EventKind, Feedback, Status};
 use evolvent_motion::State;
@@ -9,12 +9,12 @@ use crate::publish_report::PublishReport;
 use crate::spindle_status::SpindleStatus;
 use crate::stop_watch::StopWatch;
 
-/// What the status says, and who receives the drives' feedback.
+/// Makes the status, and receives the drives' feedback.
 pub(crate) trait StatusSource {
-    /// The bus is open, and nothing has left.
+    /// The bus is open; nothing was published yet.
     fn begin(&mut self, port: &mut StatusPort<'_>);
 
-    /// A setpoint has left. `is_switched`: the periphery has changed with it.
+    /// A setpoint was published. `is_switched`: the periphery has changed with it.
     fn follow(
         &mut self,
         port: &mut StatusPort<'_>,
@@ -23,32 +23,32 @@ pub(crate) trait StatusSource {
         is_switched: bool,
     );
 
-    /// The drives have answered.
+    /// Feedback of the drives has arrived.
     fn receive(&mut self, feedback: &Feedback);
 
-    /// At every look at the queues.
+    /// Called on every poll of the queues.
     fn look(&mut self, port: &mut StatusPort<'_>);
 
-    /// Now and then, and at the end.
+    /// Called periodically, and at the end.
     fn refresh(&mut self, port: &mut StatusPort<'_>);
 
-    /// Whether nothing will report on the machine any more.
+    /// Whether no thread will report on the machine any more.
     fn is_over(&self) -> bool;
 }
 
-/// The way of the status to the bus, and what the publisher knows itself.
+/// Publishes the status, and adds what the publisher itself knows.
 pub(crate) struct StatusPort<'a> {
     pub bus: &'a mut CoreBus,
     pub stops: Option<&'a mut StopWatch>,
     pub report: &'a PublishReport,
-    /// With the setpoint that has left last.
+    /// State with the last published setpoint.
     pub periphery: &'a Periphery,
     /// The spindles with that setpoint.
     pub spindles: SpindleStatus<'a>,
 }
 
 impl StatusPort<'_> {
-    /// Sends a status. One that does not leave is replaced by the next.
+    /// Publishes a status. One that cannot be sent is superseded by the next.
     pub(crate) fn publish(&mut self, status: &mut Status) {
         if let Some(stops) = &mut self.stops {
             stops.fill(status);
@@ -57,18 +57,18 @@ impl StatusPort<'_> {
         let _lost = self.bus.publish_status(status);
     }
 
-    /// Wakes those who wait, after the status that explains why.
+    /// Wakes waiting readers, after the status that gives the reason.
     pub(crate) fn notify(&mut self, event: EventKind) {
         let _lost = self.bus.notify(event);
     }
 
-    /// Readers of setpoints that are connected.
+    /// Number of connected readers of setpoints.
     pub(crate) fn subscribers(&self) -> usize {
         self.bus.setpoint_subscribers()
     }
 }
 
-/// What those receive who wait for a change from one state of motion to another.
+/// The event for a change from one state of motion to another.
 pub(crate) fn event_of(before: State, now: State) -> EventKind {
     match (before, now) {
         (_, State::Holding | State::Held) => EventKind::Hold,

@@ -1,9 +1,9 @@
-//! The longest stop of the job that runs: what a hold at any moment of it so far would have needed, for the
-//! status.
+//! The longest stop of the present job, for the status: the longest that a hold at any moment so far would
+//! have needed.
 //!
-//! A hold is followed over the path that was driven after it, so its stop is known when as much path has gone
-//! by: a fraction of a second later. That takes 30 ms of work at a time, so a thread of its own does it, of
-//! the normal scheduler.
+//! A hold is simulated over the path that was driven after it. Its stop is therefore known when enough path
+//! has been driven, a fraction of a second later. Each computation takes up to 30 ms, so a separate thread
+//! with the normal scheduler does it.
 
 use std::io;
 use std::thread;
@@ -18,13 +18,13 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use crate::due_setpoint::DueSetpoint;
 use crate::job::{Clock, Setup};
 
-/// Seconds of setpoints that wait for the thread, and the least number of them. It works up to 30 ms without
-/// a look.
+/// Capacity of the queue to the thread: this time in setpoints, but at least this number. The thread works
+/// for up to 30 ms without reading it.
 const QUEUE_SECONDS: f64 = 0.25;
 const MIN_QUEUE: usize = 1024;
-/// Found stops that wait for the publisher. The thread keeps what finds no room.
+/// Capacity of the queue of results to the publisher. The thread keeps results that do not fit.
 const FOUND: usize = 16;
-/// Between two looks of the thread.
+/// Poll interval of the thread.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 /// The longest stop of a job so far.
@@ -34,7 +34,7 @@ struct JobStop {
     stop: LongestStop,
 }
 
-/// The publisher's end: hands setpoints to the thread and writes what it finds into the status.
+/// The publisher's end: passes setpoints to the thread and writes its results into the status.
 #[derive(Debug)]
 pub(crate) struct StopWatch {
     driven: Producer<(u64, Setpoint)>,
@@ -44,9 +44,8 @@ pub(crate) struct StopWatch {
 }
 
 impl StopWatch {
-    /// Starts the thread, which ends with the watch. None where holds are not followed: with the classic
-    /// planner they are profiles of their own, and where time is not real setpoints come faster than they can
-    /// be followed.
+    /// Starts the thread, which ends with this object. `None` if holds are not simulated: those of the
+    /// classic planner are separate profiles, and with the virtual clock setpoints come too fast.
     pub(crate) fn start(setup: &Setup, clock: Clock) -> io::Result<Option<Self>> {
         if clock != Clock::Realtime || setup.machine.path.planner == PlannerKind::Classic {
             return Ok(None);
@@ -66,8 +65,8 @@ impl StopWatch {
         }))
     }
 
-    /// A setpoint that leaves. Does not wait: what finds no room is a gap, and what is in motion there is not
-    /// followed.
+    /// Adds a published setpoint. Does not wait: a setpoint that does not fit is a gap, and motion across a
+    /// gap is not simulated.
     pub(crate) fn follow(&mut self, due: &DueSetpoint) {
         let moves = due.setpoint.line > 0 && !is_at_rest(&due.setpoint);
         if moves || self.moved {
@@ -76,7 +75,7 @@ impl StopWatch {
         self.moved = moves;
     }
 
-    /// Writes the longest stop of the status's job; nothing where none is known yet.
+    /// Writes the longest stop of the status's job, if known.
     pub(crate) fn fill(&mut self, status: &mut Status) {
         while let Ok(found) = self.found.pop() {
             self.newest = found;
@@ -141,7 +140,7 @@ impl Follower {
             };
             self.begin();
         } else if setpoint.sequence != self.last + 1 {
-            // Lost setpoints, or axes that stood or moved for something else meanwhile.
+            // Setpoints were lost, or the axes were at rest or moved for something else in between.
             self.begin();
         }
         self.last = setpoint.sequence;
@@ -185,7 +184,7 @@ mod tests {
         }
     }
 
-    /// X from rest to `v` and back to rest along a straight line, with constant jerk from one ms to the next.
+    /// X from rest to `v` and back to rest along a straight line, with constant jerk within each ms.
     fn line(v: f64, first: u64) -> Vec<Setpoint> {
         let ramp = |sign: f64| {
             let (up, level) = ((A / J / PERIOD_S) as usize, ((v / A - A / J) / PERIOD_S) as usize);
@@ -199,7 +198,7 @@ mod tests {
             s += t * (velocity + t * (acceleration / 2.0 + t * jerk / 6.0));
             velocity += t * (acceleration + t * jerk / 2.0);
             acceleration += t * jerk;
-            // Sums of equal steps: what is left at rest is rounding.
+            // Sums of equal steps: a remainder at rest is a rounding error.
             let clean = |x: f64| if x.abs() < 1e-6 { 0.0 } else { x };
             (velocity, acceleration) = (clean(velocity), clean(acceleration));
             let x = |x: f64| Axes::from_fn(|i, _| if i == 0 { x } else { 0.0 });
@@ -222,8 +221,8 @@ mod tests {
         out
     }
 
-    /// The least path and time to rest along X from a speed and an acceleration, by steps of 5 us: the jerk
-    /// limit down to `-A`, and back to none where the rest of the speed is just used up.
+    /// Shortest path and time to rest along X from a speed and an acceleration, in steps of 5 us: at the jerk
+    /// limit down to `-A`, and back to zero just when the speed is used up.
     fn least_stop(mut v: f64, mut a: f64) -> (f64, f64) {
         const STEP_S: f64 = 5e-6;
         let (mut path, mut seconds) = (0.0, 0.0);
@@ -241,9 +240,9 @@ mod tests {
         (path, seconds)
     }
 
-    /// The longest of the holds 10 ms apart is not longer than the longest at any moment, and not shorter
-    /// than where these holds lie worst. Reports have 20 % and 1 ms on top at 1 kHz; the stop itself may take
-    /// 3 % and two steps more.
+    /// The longest of the holds 10 ms apart is at most the longest at any moment, and at least the longest of
+    /// such holds at the most unfavourable times. Reports have 20 % and 1 ms added at 1 kHz; the stop itself
+    /// may take 3 % and two steps more.
     fn expect(found: LongestStop, v: f64) {
         let stops: Vec<(f64, f64)> = (line(v, 0).iter())
             .map(|setpoint| least_stop(setpoint.velocity[0], setpoint.acceleration[0]))
@@ -274,13 +273,13 @@ mod tests {
         let (fast, slow) = (line(200.0, 0), line(120.0, 10_000));
         fast.iter().for_each(|setpoint| follower.push(1, setpoint));
         expect(follower.longest.stop, 200.0);
-        // Slower ones of the same job change nothing, another job begins again.
+        // Slower motion of the same job changes nothing; another job starts again.
         slow.iter().for_each(|setpoint| follower.push(1, setpoint));
         expect(follower.longest.stop, 200.0);
         slow.iter().for_each(|setpoint| follower.push(2, setpoint));
         expect(follower.longest.stop, 120.0);
-        // What lies on both sides of lost setpoints is no one motion. The hold above is not over by then,
-        // others are: from the cruise at least, in v/A + A/J and half of that time's path.
+        // Motion before and after lost setpoints is not joined. The hold above is not over by then, but
+        // others are: at least those from the cruise, in v/A + A/J and half of the path of that time.
         let gap = fast
             .iter()
             .filter(|setpoint| !(250..300).contains(&setpoint.sequence));
@@ -318,7 +317,7 @@ mod tests {
             });
         }
         let begun = Instant::now();
-        // Those at the start of the motion are known first.
+        // The stops from the start of the motion are known first.
         while status.longest_stop_mm < 25.0 && begun.elapsed() < Duration::from_secs(20) {
             watch.fill(&mut status);
             thread::sleep(POLL_INTERVAL);

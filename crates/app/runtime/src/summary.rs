@@ -1,4 +1,4 @@
-//! What a run came to, against every limit.
+//! Results of a run, compared with every limit.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -27,7 +27,7 @@ pub struct AxisSummary {
     pub max_jerk_mm_s3: f64,
     /// Ratio to the limit.
     pub jerk_ratio: f64,
-    /// The same within three cycles of a step of curvature in exact-path mode, where only the joint time
+    /// Largest jerk within three cycles of a step of curvature in exact-path mode, where only the joint time
     /// bounds it.
     pub max_jerk_at_joints_mm_s3: f64,
 }
@@ -37,11 +37,11 @@ pub struct AxisSummary {
 pub struct TimingSummary {
     /// Median.
     pub p50_ns: i64,
-    /// 99 % are at most this.
+    /// 99th percentile.
     pub p99_ns: i64,
-    /// 99.9 % are at most this.
+    /// 99.9th percentile.
     pub p999_ns: i64,
-    /// The worst.
+    /// Maximum.
     pub max_ns: i64,
 }
 
@@ -63,9 +63,9 @@ pub enum Outcome {
     Done,
     /// An operator stopped it.
     Stopped,
-    /// At an error of the program or of a user-defined M code; it was run up to there.
+    /// At an error of the program or of a user-defined M code; the program was run up to there.
     Failed,
-    /// The core stopped it.
+    /// The core stopped it because of a fault.
     Fault,
 }
 
@@ -81,7 +81,7 @@ impl Outcome {
         }
     }
 
-    /// By the state of the last setpoint.
+    /// The outcome for the state of the last setpoint.
     pub(crate) const fn of(state: State) -> Self {
         match state {
             State::Done => Self::Done,
@@ -116,7 +116,7 @@ pub struct Summary {
     pub outcome: Outcome,
     /// Letters of the axes in the order of the machine file; every list below is in that order.
     pub axes: Vec<char>,
-    /// Setpoints.
+    /// Number of setpoints.
     pub cycles: u64,
     /// The control rate.
     pub rate_hz: f64,
@@ -124,30 +124,30 @@ pub struct Summary {
     pub period_ns: u64,
     /// Path time.
     pub duration_s: f64,
-    /// Time planned for the moves at the programmed feed.
+    /// Planned time of the moves at the programmed feed.
     pub planned_duration_s: f64,
-    /// Moves in the program as far as it was planned.
+    /// Number of moves in the planned part of the program.
     pub moves: u64,
-    /// Programmed path travelled.
+    /// Programmed path driven.
     pub path_length_mm: f64,
-    /// Setpoints that left after they were due.
+    /// Setpoints published after their due time.
     pub late_cycles: u64,
-    /// Readers of setpoints and bridges that were connected at the same time, at most. Late setpoints count
-    /// for the exit code only where there was one.
+    /// Maximum number of readers of setpoints and bridges connected at the same time. Late setpoints affect
+    /// the exit code only if there was one.
     pub listeners: u64,
-    /// Trace records lost for want of room.
+    /// Trace records lost because a queue was full.
     pub dropped_records: u64,
     /// Setpoints lost on the way to the bus.
     pub dropped_setpoints: u64,
     /// Cycles that were slower than they could have been because the planner had not finished.
     pub starved_cycles: u64,
-    /// Largest distance between the chord of two neighbouring setpoints and the curve.
+    /// Largest distance between the chord of two consecutive setpoints and the curve.
     pub max_chord_error_mm: f64,
-    /// The chord error that is permitted.
+    /// The permitted chord error.
     pub permitted_chord_error_mm: f64,
-    /// Largest distance between the path followed and the programmed path, by blends.
+    /// Largest distance between driven and programmed path, due to blends.
     pub max_path_error_mm: f64,
-    /// Where the axes stand, mm or degrees.
+    /// End position of the axes, mm or degrees.
     pub end_position: Vec<f64>,
     /// Largest velocities, mm/s or degrees/s.
     pub max_velocity_mm_s: Vec<f64>,
@@ -161,13 +161,13 @@ pub struct Summary {
     pub acceleration_ratio: Vec<f64>,
     /// Ratios to the limits.
     pub jerk_ratio: Vec<f64>,
-    /// The same, one entry an axis.
+    /// The same figures, one entry per axis.
     pub per_axis: Vec<AxisSummary>,
-    /// How late the cycle woke up; none with the virtual clock.
+    /// Lateness of the cycle's wake-ups; `None` with the virtual clock.
     pub wake_lateness: Option<TimingSummary>,
-    /// How long its own work took; none with the virtual clock.
+    /// Duration of the cycle's own work; `None` with the virtual clock.
     pub work: Option<TimingSummary>,
-    /// What turning cycles came to that found their passes; none where there was none.
+    /// Results of load-adaptive turning cycles; `None` if there were none.
     pub turning: Option<TurningSummary>,
     /// The trace file, if one was written.
     pub trace: Option<String>,
@@ -175,13 +175,13 @@ pub struct Summary {
     pub alarm: Option<u32>,
     /// What ended the run early, as a sentence.
     pub error: Option<String>,
-    /// What the user should know.
+    /// Notes to the user.
     pub notes: Vec<String>,
 }
 
 impl Summary {
-    /// Whether something of the run was lost to a reader: setpoints that left late for a bridge or client
-    /// that was connected, records, or setpoints.
+    /// Whether data was lost to a reader: setpoints that were late for a connected bridge or client, records,
+    /// or setpoints.
     #[must_use]
     pub fn is_lossy(&self) -> bool {
         (self.late_cycles > 0 && self.listeners > 0) || self.dropped_records > 0 || self.dropped_setpoints > 0
@@ -209,7 +209,7 @@ impl Summary {
     }
 }
 
-/// What is reported of setpoints that left late while no client was connected.
+/// The note about late setpoints while no client was connected.
 pub(crate) fn late_for_nobody(late: u64) -> String {
     format!(
         "{late} setpoints left late, but no bridge or client was connected, so nobody missed them; before \
@@ -217,7 +217,7 @@ pub(crate) fn late_for_nobody(late: u64) -> String {
     )
 }
 
-/// Per-axis figures in the order of the machine file.
+/// Figures per axis in the order of the machine file.
 pub(crate) fn axis_summaries(machine: &Machine, extremes: &Extremes) -> Vec<AxisSummary> {
     machine
         .axes

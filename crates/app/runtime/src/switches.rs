@@ -1,25 +1,25 @@
-//! What an operator switches while a program is being read: it counts for the commands that are still to be
-//! read.
+//! Switches that an operator changes while a program is being read; a change applies to commands that are
+//! read afterwards.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// How the switches stand.
+/// State of the switches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SwitchState {
     /// Stop after each line that moves.
     pub single_step: bool,
     /// Stop at M1.
     pub optional_stop: bool,
-    /// Leave out lines that begin with `/`.
+    /// Skip lines that begin with `/`.
     pub block_delete: bool,
-    /// Share of the axes' speed that rapids may use, 0 to 1.
+    /// Fraction of the axes' speed that rapids may use, 0 to 1.
     pub rapid_override: f64,
 }
 
-/// All off; rapids as fast as the axes go.
+/// All off; rapids at the axes' full speed.
 impl Default for SwitchState {
     fn default() -> Self {
         Self {
@@ -50,7 +50,7 @@ impl Switches {
         }
     }
 
-    /// How they stand now.
+    /// The present state.
     pub(crate) fn state(&self) -> SwitchState {
         SwitchState {
             single_step: self.is_single_step(),
@@ -81,17 +81,17 @@ impl Switches {
     }
 }
 
-/// Other switches in the middle of a program, as one line of a trace.
+/// Changed switches in the middle of a program, as one line of a trace.
 ///
-/// When the operator switched does not tell which lines it counted for: a program is read ahead of the
-/// machine. This does.
+/// A program is read ahead of the machine, so the time of the change does not determine the lines that it
+/// applied to. This does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switched {
-    /// The first command of the program, from 0, that was read with them.
+    /// The first command of the program, from 0, that was read with this state.
     pub command: u64,
-    /// The line that had been read last.
+    /// The last line read before.
     pub line: u32,
-    /// How they stand from there on.
+    /// The state from there on.
     pub state: SwitchState,
 }
 
@@ -103,7 +103,7 @@ impl fmt::Display for Switched {
 }
 
 impl Switched {
-    /// Reads the line back. `None` if it makes no sense to this version.
+    /// Reads the line back; `None` if this version does not understand it.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let (line, rest) = text.strip_prefix("read behind line ")?.split_once(": ")?;
@@ -127,7 +127,7 @@ impl fmt::Display for SwitchState {
 }
 
 impl SwitchState {
-    /// Of what a line of a trace says.
+    /// The state in a line of a trace.
     pub(crate) fn of(pairs: &BTreeMap<&str, &str>) -> Option<Self> {
         let switch = |key: &str| pairs.get(key)?.parse::<bool>().ok();
         Some(Self {
@@ -139,24 +139,24 @@ impl SwitchState {
     }
 }
 
-/// Names and values of a line of a trace.
+/// Names and values in a line of a trace.
 pub(crate) fn pairs(text: &str) -> Option<BTreeMap<&str, &str>> {
     text.split("; ").map(|pair| pair.split_once('=')).collect()
 }
 
-/// Where a program's planner learns how the switches stand.
+/// Source of the switches for a program's planner.
 #[derive(Debug)]
 pub(crate) enum Switching {
-    /// Nothing is switched.
+    /// The switches do not change.
     Fixed,
-    /// As the operator has them.
+    /// As the operator sets them.
     Operated(Arc<Switches>),
-    /// As they were read.
+    /// As recorded.
     Recorded(VecDeque<Switched>),
 }
 
 impl Switching {
-    /// How they stand before the command of this number is read; `before` is how they stood before the last.
+    /// The state for the command of this number; `before` is the state for the preceding command.
     pub(crate) fn at(&mut self, command: u64, before: SwitchState) -> SwitchState {
         match self {
             Self::Fixed => before,

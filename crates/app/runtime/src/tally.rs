@@ -1,19 +1,19 @@
-//! The plan on its way to the cycle, with how long each block is planned to take.
+//! The plan on its way to the cycle, with the planned duration of each block.
 
 use std::collections::VecDeque;
 
 use evolvent_planner::{BlockMark, ExitSpeeds, PlanSink, Reply, Request, Segment, Step};
 
-/// Passes the plan on, and adds up how long each block is planned to take.
+/// Passes the plan on, and sums the planned duration of each block.
 pub(crate) struct Tally<S> {
     sink: S,
-    /// Parts of steps that are not final: for each step, its blocks and their shares of its length.
+    /// Parts of steps that are not final: the blocks of each step, and their fractions of its length.
     open: VecDeque<(u32, f64)>,
     parts_of_step: VecDeque<u32>,
     parts: u32,
     /// Blocks whose plan is final, with their seconds.
     pub(crate) finished: VecDeque<(u32, f64)>,
-    /// Seconds planned.
+    /// Planned seconds.
     pub(crate) planned_s: f64,
 }
 
@@ -29,7 +29,7 @@ impl<S> Tally<S> {
         }
     }
 
-    /// Parts and steps that are being added up.
+    /// Number of parts and steps that are not summed yet.
     #[cfg(test)]
     pub(crate) fn lengths(&self) -> (usize, usize) {
         (self.open.len(), self.parts_of_step.len())
@@ -52,7 +52,7 @@ impl<S: PlanSink> PlanSink for Tally<S> {
 
     fn step(&mut self, step: &Step) -> Result<(), S::Error> {
         if matches!(step, Step::TimedSegment(_) | Step::Wait) {
-            // A near-optimal plan says itself what a block takes.
+            // A time-optimal plan reports the durations of its blocks.
             self.open.clear();
             self.parts_of_step.clear();
         } else {

@@ -1,4 +1,4 @@
-//! From threads of a program to passes of the machine, and what is said of their results.
+//! Converts threads of a program to passes of the machine, and explains their results.
 
 use std::convert::Infallible;
 use std::path::Path;
@@ -13,7 +13,7 @@ use crate::job::Setup;
 use crate::news::with_article;
 use crate::refusal::{about_line_with, explain};
 
-/// What the program says of the next pass: its straight pieces, one after the other.
+/// The next pass: its consecutive straight pieces.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ThreadChain {
     start: Axes,
@@ -26,12 +26,12 @@ pub(crate) struct ThreadChain {
     clear_x: Option<f64>,
     /// The command of the first piece.
     first: Option<Command>,
-    /// Speed out as a multiple of that in.
+    /// Retraction speed as a multiple of the speed in.
     return_factor: Option<f64>,
 }
 
 impl ThreadChain {
-    /// Whether there is nothing to cut.
+    /// Whether there is no pass.
     pub(crate) fn is_empty(&self) -> bool {
         self.legs.is_empty()
     }
@@ -41,7 +41,7 @@ impl ThreadChain {
         self.spindle
     }
 
-    /// The command that it begins with.
+    /// Its first command.
     pub(crate) fn first(&self) -> Option<&Command> {
         self.first.as_ref()
     }
@@ -52,13 +52,13 @@ impl ThreadChain {
         pitch_mm * turns_per_s.abs()
     }
 
-    /// Whether the spindle turns back at its end.
+    /// Whether the spindle reverses at its end.
     pub(crate) fn is_tap(&self) -> bool {
         self.return_factor.is_some()
     }
 
-    /// Takes a piece that continues the one before; `false` if the command is not a piece or begins another
-    /// pass.
+    /// Adds a piece that continues the last one. Returns `false` if the command is not a piece or begins
+    /// another pass.
     pub(crate) fn take(&mut self, command: &Command) -> bool {
         let (curve, pitch_mm) = match &command.action {
             Action::Thread {
@@ -106,7 +106,7 @@ impl ThreadChain {
         true
     }
 
-    /// The pass at a speed, rpm, negative counter-clockwise.
+    /// The pass at a spindle speed, rpm, negative counter-clockwise.
     fn pass(&self, rpm: f64, spindle: &SpindleSettings) -> ThreadPass {
         let turns_per_s = rpm / 60.0;
         ThreadPass {
@@ -122,7 +122,7 @@ impl ThreadChain {
         }
     }
 
-    /// The pass, and its run-in in mm, where the machine can cut it at this speed.
+    /// The pass and its run-in in mm, if the machine can cut it at this speed.
     pub(crate) fn pass_on(&self, rpm: f64, setup: &Setup) -> Result<(ThreadPass, f64), ThreadRefusal> {
         let words = |message: &str, help: &str| ThreadRefusal::Words(message.to_owned(), help.to_owned());
         let spindle = setup
@@ -184,7 +184,7 @@ impl ThreadChain {
     }
 }
 
-/// Looks at the threads of a program, command after command.
+/// Checks the threads of a program, command by command.
 pub(crate) struct ThreadCheck {
     chain: ThreadChain,
     outputs: Outputs,
@@ -198,8 +198,8 @@ impl ThreadCheck {
         }
     }
 
-    /// What the machine has against the thread that ends before this command, and the command with which that
-    /// begins.
+    /// The machine's objection to the thread that ends before this command, with the first command of that
+    /// thread.
     pub(crate) fn observe(&mut self, command: &Command, setup: &Setup) -> Option<(Command, ThreadRefusal)> {
         if self.chain.take(command) {
             return None;
@@ -213,7 +213,7 @@ impl ThreadCheck {
     }
 }
 
-/// Why a thread is refused before anything moves.
+/// Why a thread is rejected before anything moves.
 pub(crate) enum ThreadRefusal {
     Words(String, String),
     Travel(PlanError<Infallible>),
@@ -267,9 +267,9 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
     }
 }
 
-/// What went wrong in a pass, and what to do; none where the program goes on.
+/// The error of a pass and its remedy; `None` if the program continues.
 pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, String)> {
-    // Before it is in phase nothing is cut.
+    // Nothing is cut before the pass is in phase.
     let has_begun = result.worst_mm > 0.0;
     let (message, help) = match result.verdict {
         ThreadVerdict::Done => return None,
@@ -311,7 +311,7 @@ pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, Stri
     if result.is_clear {
         return Some((format!("{message}; the tool was drawn out of the thread"), help));
     }
-    // G33 does not say in which direction its tool is free.
+    // G33 does not specify the direction in which its tool is free.
     let is_in_thread =
         has_begun && matches!(result.verdict, ThreadVerdict::Stalled | ThreadVerdict::OutOfPhase);
     let help = if is_in_thread {
@@ -351,7 +351,7 @@ mod tests {
         let (message, help) = told(ThreadVerdict::Stalled, 0.01, true);
         assert!(message.ends_with("drawn out of the thread"), "{message}");
         assert!(!help.contains("bring the tool out"), "{help}");
-        // Before the pass: a depth is no cause, and the tool is nowhere.
+        // Before the pass: the depth is not the cause, and the tool is not in the thread.
         let (_, help) = told(ThreadVerdict::Stalled, 0.0, false);
         assert!(help.contains("nothing has been cut"), "{help}");
         assert!(

@@ -1,4 +1,4 @@
-//! From a turning cycle of a program to a controller that finds its passes.
+//! Builds the controller of a load-adaptive turning cycle.
 
 use evolvent_gcode::{TurningCycle, TurningKind};
 use evolvent_machine::Limits;
@@ -10,11 +10,11 @@ use evolvent_turning::{
 use crate::job::Setup;
 use crate::turning_motion::{TurningFrame, TurningMotion};
 
-/// The controller of a cycle, with tool, law and feeds of the process file, and what the program says: where,
-/// how far, how fast the spindle turns. The tool stands at the stock's surface: higher nothing may stand.
+/// The controller of a cycle, with tool, law and feeds of the process file, and with position, length and
+/// spindle speed of the program. The tool is at the surface of the stock, which must not be higher anywhere.
 ///
 /// # Errors
-/// A sentence that says what does not fit.
+/// A sentence about what does not fit.
 pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMotion, String> {
     let Some(process) = &setup.process else {
         return Err(
@@ -35,7 +35,7 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
     let start = (cycle.start[x.index()], cycle.start[z.index()]);
     let (to_x, to_z) = (cycle.x_mm, cycle.z_mm);
     let signs = ((start.0 - to_x).signum(), (start.1 - to_z).signum());
-    // The finishing pass takes the allowance off both walls.
+    // The finishing pass removes the allowance from both walls.
     let size = (
         to_x + signs.0 * cycle.allowance_mm,
         to_z + signs.1 * cycle.allowance_mm,
@@ -71,7 +71,7 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
     if let (Some(cone), Some([_, z])) = (&cone, cycle.cone_mm) {
         cone.check(&process.settings.tool)
             .map_err(|error| error.to_string())?;
-        // Above the corner at which the tool stands there is nothing to be cut.
+        // Above the corner at which the tool is, there is nothing to cut.
         let end_mm = step_mm + (z - to_z).abs() + at_wall_mm;
         length_mm = end_mm.min(cone.place_mm(allowance_max_mm));
     }
@@ -80,7 +80,7 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
         CutKind::Facing => cycle.diameter_mm + 2.0 * (start.0 - to_x).abs(),
     };
     if kind == CutKind::Facing {
-        // With an offset the sum may be beyond the axis by a rounding.
+        // With an offset the sum may be beyond the axis by a rounding error.
         length_mm = length_mm.min(0.5 * diameter_mm);
     }
     let cut = CutFile {
@@ -110,39 +110,39 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
     Ok(TurningMotion::new(controller, frame))
 }
 
-/// How much farther than the allowance says the passes go, mm, so that the finishing pass leaves the wall of
-/// the shoulder that they have left: it would meet what stands on the wall with its whole edge at once. The
-/// edge leaves the wall along itself, so the wall begins where contour and wall of the finished part cross,
-/// the contour raised by the allowance.
+/// Additional length of the passes beyond the allowance, mm, so that the finishing pass leaves the wall of
+/// the shoulder that the passes have left. It would meet material on the wall with its whole edge at once.
+/// The edge leaves the wall along itself, so the wall begins where contour and wall of the finished part
+/// intersect, with the contour raised by the allowance.
 fn allowance_at_wall(cycle: &TurningCycle, process: &Job, cone: Option<&Cone>) -> f64 {
     if process.cut.end == CutEnd::Open {
         return 0.0;
     }
     let rise = cone.map_or(0.0, |cone| cone.slope);
     let steeper = process.settings.tool.slope() - rise;
-    // As steep as the edge: such a cone is refused.
+    // A cone as steep as the edge is rejected.
     if steeper <= 0.0 {
         return 0.0;
     }
     let more_mm = cycle.allowance_mm * (1.0 + (1.0 + rise) / steeper);
     match cycle.kind {
         TurningKind::Longitudinal => more_mm,
-        // No farther than to the axis of the work.
+        // At most to the axis of the workpiece.
         TurningKind::Facing => more_mm.min(0.5 * cycle.diameter_mm + cycle.allowance_mm),
     }
 }
 
-/// The travel has room for everywhere that the tool may come to.
+/// Checks that all positions that the tool may reach are within the travel.
 fn check_room(
     settings: &TurningSettings,
     frame: &TurningFrame,
     limits: &Limits,
     allowance_max_mm: f64,
 ) -> Result<(), String> {
-    // Everywhere that the tool may come to, drawn out from the greatest height.
+    // All positions that the tool may reach, including when it retracts from the greatest height.
     let before = -settings.tool.overhang_mm() - settings.clear_along_mm;
     let above = allowance_max_mm + settings.clear_out_mm + settings.regime.depth_max_mm;
-    // The highest pass goes farthest behind the end of the cut, where a shoulder is to be left.
+    // The highest pass extends farthest beyond the end of the cut if a shoulder is to be left.
     let end = settings.length_mm + settings.shoulder_mm();
     for (along, out) in [(before, 0.0), (end, above)] {
         let place = frame.position(along, out);

@@ -1,4 +1,4 @@
-//! A controller that finds its passes, as motion between two steps of a plan.
+//! A load-adaptive controller as motion between two steps of a plan.
 
 use std::any::Any;
 
@@ -6,14 +6,14 @@ use evolvent_motion::{PathExecutor, ProcessCycle, ProcessInputs, ProcessStatus};
 use evolvent_path::{Axes, AxisLetter, Jet};
 use evolvent_turning::{AxisPoint, Reason, TurningController, TurningInputs, TurningOutput, TurningState};
 
-/// Where the cut lies in the machine: positions along it and heights above the final size to coordinates.
+/// The cut in machine coordinates: converts positions along it and heights above the final size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct TurningFrame {
-    /// Where the tool is before and after, machine coordinates.
+    /// Position of the tool before and after, machine coordinates.
     pub start: Axes,
-    /// The axis along the cut, its coordinate at position 0, and 1 or -1: which way positions count.
+    /// The axis along the cut, its coordinate at position 0, and the sign of its direction (1 or -1).
     pub along: (AxisLetter, f64, f64),
-    /// The axis across it, its coordinate at the final size, and 1 or -1: which way heights count.
+    /// The axis across the cut, its coordinate at the final size, and the sign of the height (1 or -1).
     pub out: (AxisLetter, f64, f64),
 }
 
@@ -45,7 +45,7 @@ impl TurningFrame {
     }
 }
 
-/// A controller, and where it works.
+/// A controller and its frame.
 #[derive(Clone, Debug)]
 pub(crate) struct TurningMotion {
     controller: TurningController,
@@ -55,7 +55,7 @@ pub(crate) struct TurningMotion {
 }
 
 impl TurningMotion {
-    /// A controller that starts, and ends, at the frame's start.
+    /// A controller that starts and ends at the start of the frame.
     pub(crate) fn new(controller: TurningController, frame: TurningFrame) -> Self {
         Self {
             controller,
@@ -77,7 +77,7 @@ impl ProcessCycle for TurningMotion {
         self.output = Some(output);
         let mut jet = self.frame.jet(&output.along, &output.out);
         if self.controller.state() == TurningState::Done && self.controller.is_at_rest() {
-            // To the last bit: the plan goes on here.
+            // Exact to the last bit, because the plan continues here.
             jet.position = self.frame.start;
             return (jet, ProcessStatus::Done);
         }
@@ -99,12 +99,12 @@ fn of(process: Option<&dyn ProcessCycle>) -> Option<&TurningMotion> {
     (process? as &dyn Any).downcast_ref()
 }
 
-/// What the turning cycle put out in the last step, if one moves the axes.
+/// Output of the turning cycle in the last step, if one moves the axes.
 pub(crate) fn turning_output(motion: &PathExecutor) -> Option<&TurningOutput> {
     of(motion.process()).and_then(|turning| turning.output.as_ref())
 }
 
-/// Why a turning cycle has ended the run.
+/// The reason why a turning cycle ended the run.
 pub(crate) fn turning_fault(motion: &PathExecutor) -> Option<Reason> {
     of(motion.failed_process()).and_then(|turning| turning.fault)
 }
@@ -123,7 +123,7 @@ mod tests {
 
     use super::*;
 
-    /// What happens to a turning cycle.
+    /// Events during a turning cycle.
     #[derive(Clone, Copy, Debug, PartialEq)]
     enum Scene {
         HeldAndSlowed,
@@ -134,7 +134,7 @@ mod tests {
 
     const PERIOD_S: f64 = 0.001;
     const SET: f64 = 2200.0;
-    /// Where the tool stands before and after: 8 mm before the face, 8 mm above the final size.
+    /// Position of the tool before and after: 8 mm before the face, 8 mm above the final size.
     const START_MM: (f64, f64) = (-8.0, 8.0);
 
     fn turning_settings() -> TurningSettings {
@@ -196,7 +196,7 @@ mod tests {
             let settings = turning_settings();
             let (mut producer, mut queue) = plan_queue(|| true);
             let mut sender = producer.take_processes().unwrap();
-            // Two of them: the first is handed back while the second runs.
+            // Two cycles: the first is returned while the second runs.
             for line in [1, 2] {
                 let (along, out) = START_MM;
                 let controller = TurningController::starting_at(settings, along, out).unwrap();

@@ -1,4 +1,4 @@
-//! What turning cycles came to that found their passes.
+//! Results of load-adaptive turning cycles.
 
 use evolvent_turning::{CutNow, TurningOutput, TurningState};
 use serde::Serialize;
@@ -6,21 +6,21 @@ use serde::Serialize;
 /// Passes and loads of the turning cycles (Q1) of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct TurningSummary {
-    /// Cycles begun.
+    /// Number of cycles begun.
     pub cycles: u32,
-    /// Of these ended at size.
+    /// Number of cycles that ended at size.
     pub done: u32,
-    /// Passes of all cycles.
+    /// Number of passes of all cycles.
     pub passes: u32,
-    /// Times that the tool backed off from a cut that was too deep.
+    /// Number of times that the tool backed off from a cut that was too deep.
     pub back_offs: u32,
     /// Time within the cycles, s.
     pub time_s: f64,
-    /// Largest load that the sensor showed, smoothed over 4 ms, in its unit.
+    /// Largest load reported by the sensor, smoothed over 4 ms, in its unit.
     pub peak_load: f64,
-    /// Largest true load, where the stock is simulated.
+    /// Largest true load, if the stock is simulated.
     pub peak_true_load: Option<f64>,
-    /// The load that was to be held.
+    /// The set load.
     pub set_load: f64,
 }
 
@@ -46,8 +46,8 @@ impl TurningTally {
         }
     }
 
-    /// One control period: what a turning cycle gave out, if one moves the axes, and what a simulated stock
-    /// lost.
+    /// Counts one control period: the output of a turning cycle, if one moves the axes, and the material
+    /// removed from a simulated stock.
     pub(crate) fn observe(&mut self, output: Option<&TurningOutput>, cut: Option<&CutNow>) {
         let Some(output) = output else {
             self.inside = false;
@@ -70,7 +70,7 @@ impl TurningTally {
         sum.done += u32::from(to == Some(TurningState::Done));
     }
 
-    /// What it came to; none where no cycle was begun.
+    /// The summary; `None` if no cycle was begun.
     pub(crate) fn summary(&self) -> Option<TurningSummary> {
         (self.summary.cycles > 0).then_some(self.summary)
     }

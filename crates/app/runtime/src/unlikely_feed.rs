@@ -1,17 +1,17 @@
-//! A feed far above what the machine can do: one warning for a program.
+//! Warns once per program of a feed far above what the machine can do.
 
 use evolvent_gcode::{Action, Command, MoveKind};
 use evolvent_machine::Limits;
 use evolvent_path::AxisLetter;
 
-/// A programmed feed above this multiple of the maximum speed of the machine is a mistake. A few times the
-/// maximum is usual and means "as fast as possible".
+/// A programmed feed above this multiple of the machine's maximum speed is a mistake. A few times the maximum
+/// is common and means "as fast as possible".
 const UNLIKELY_RATIO: f64 = 10.0;
 
-/// Looks at the feeds of a program, command after command.
+/// Checks the feeds of a program, command by command.
 pub(crate) struct UnlikelyFeed {
-    /// The speed in mm/s with all linear axes at their limits, or in degrees/s with the rotary ones if that
-    /// is more: both have the same F word.
+    /// The speed with all linear axes at their limits, mm/s, or with the rotary axes, degrees/s, if that is
+    /// more: both use the same F word.
     fastest: f64,
     has_warned: bool,
 }
@@ -32,8 +32,8 @@ impl UnlikelyFeed {
         }
     }
 
-    /// The warning of the first F word that no direction of motion can reach by far: a number too large, or
-    /// of another unit. `feed` is the word in force and what it means in mm/s
+    /// The warning for the first F word that is far above the speed in any direction of motion: a number that
+    /// is too large or in another unit. `feed` is the word in force and its value in mm/s
     /// ([`evolvent_gcode::Interpreter::feed_per_minute`]).
     pub(crate) fn warning(&mut self, command: &Command, feed: Option<(f64, f64)>) -> Option<String> {
         let (Some((word, linear_mm_s)), Action::Move(motion)) = (feed, &command.action) else {

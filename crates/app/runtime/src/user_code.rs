@@ -1,9 +1,9 @@
-//! M100 to M199: user-defined M codes, programs in a folder beside the machine file.
+//! M100 to M199: user-defined M codes, executables in a folder named by the machine file.
 //!
-//! Such a program runs while the axes rest and the plan waits, in a process group of its own, without a
-//! shell, with P and Q as its two arguments (-1 for a word that is missing, as machine builders know it).
-//! What it writes is reported line by line. It is over when it ends; whatever it leaves behind in the
-//! background is its own affair.
+//! Such an executable runs while the axes are at rest and the plan waits. It has its own process group, no
+//! shell, and P and Q as its two arguments (-1 for a missing word, as machine builders expect). Its output is
+//! reported line by line. The code is complete when the process ends; processes that it leaves in the
+//! background are not monitored.
 
 use std::io::{ErrorKind, PipeReader, Read};
 use std::os::unix::fs::PermissionsExt;
@@ -23,24 +23,23 @@ use crate::news::UserCall;
 use crate::periphery::CHANGE_BEGINS;
 use crate::rt::take_turns;
 
-/// Time between two looks at a program that runs.
+/// Poll interval of a running executable.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
-/// How long a program may take to end after it was asked to.
+/// Time within which an executable must end after it was asked to.
 const GRACE: Duration = Duration::from_secs(1);
-/// How long is waited for what others write in the name of a program that has ended, where they keep the pipe
-/// open.
+/// Maximum wait for further output after an executable has ended, if other processes keep the pipe open.
 const LAST_WORDS: Duration = Duration::from_millis(100);
-/// Bytes of output that are reported, of a line and in all.
+/// Maximum length of reported output, of a line and in total, bytes.
 const MAX_LINE: usize = 500;
 const MAX_BYTES: usize = 64 * 1024;
-/// Bytes that are read at once, and so often in one look: more than a pipe holds (1 MiB, where it was
+/// Number of bytes read at once; the number of reads per poll exceeds the capacity of a pipe (1 MiB if
 /// enlarged).
 const BYTES_AT_ONCE: usize = 8 * 1024;
 const MAX_READS: usize = 160;
-/// What a program gets for a word that is missing.
+/// Argument for a missing word.
 const NO_WORD: f64 = -1.0;
 
-/// Where the programs are, and how long they may take.
+/// Folder of the executables, and their time limit.
 #[derive(Clone, Debug)]
 pub(crate) struct UserCodes {
     folder: PathBuf,
@@ -48,16 +47,16 @@ pub(crate) struct UserCodes {
     machine_name: String,
 }
 
-/// What happens to one.
+/// Events of an executable.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum UserNews {
     /// It has written a line.
     Line(String),
-    /// It is over: in order, or with a sentence that says what went wrong.
+    /// It has ended, successfully or with the reason of its failure.
     Ended(Result<(), String>),
 }
 
-/// One at work. Dropped, it is killed.
+/// A running executable. It is killed when dropped.
 #[derive(Debug)]
 pub(crate) struct UserProgram {
     news: Receiver<UserNews>,
@@ -66,7 +65,7 @@ pub(crate) struct UserProgram {
 }
 
 impl UserCodes {
-    /// As the machine file says.
+    /// Settings of the machine file.
     pub(crate) fn of(setup: &Setup) -> Self {
         let program = &setup.machine.program;
         let beside = setup.machine_file.parent().unwrap_or(Path::new(""));
@@ -75,14 +74,14 @@ impl UserCodes {
             None => beside.to_path_buf(),
         };
         Self {
-            // The program starts in this folder: a relative path would be looked for from there.
+            // The executable starts in this folder, and a relative path would be resolved from there.
             folder: std::path::absolute(&folder).unwrap_or(folder),
             timeout: Duration::from_secs_f64(program.user_code_timeout_s),
             machine_name: setup.machine.name.clone(),
         }
     }
 
-    /// Why a command cannot be executed, before anything is started.
+    /// The reason why a code cannot be executed, before anything starts.
     pub(crate) fn objection(&self, number: u32) -> Option<String> {
         let file = self.file(number);
         let what = match file.metadata() {
@@ -95,7 +94,7 @@ impl UserCodes {
             }
             Ok(facts) if !facts.is_file() => "is no file",
             Ok(facts) if facts.permissions().mode() & 0o111 == 0 => "is not executable",
-            // Whoever may write it may move the machine.
+            // Whoever can write the file can move the machine.
             Ok(facts) if facts.permissions().mode() & 0o002 != 0 => "may be written by everybody",
             Ok(_) => return None,
         };
@@ -111,7 +110,7 @@ impl UserCodes {
          machine file"
     }
 
-    /// Starts the program of a command, on a thread of its own.
+    /// Starts the executable of a code on a separate thread.
     pub(crate) fn start(&self, call: UserCall) -> UserProgram {
         let (sender, news) = mpsc::channel();
         let cancelled = Arc::new(AtomicBool::new(false));
@@ -145,8 +144,8 @@ impl UserCodes {
         let name = call.text();
         let fails = |error: std::io::Error| format!("{name}: cannot be started: {error}");
         let (output, input) = std::io::pipe().map_err(fails)?;
-        // Read by the thread that looks after the program: all that it has written is there when it has
-        // ended.
+        // The thread that monitors the executable reads without blocking, so all output is available when it
+        // has ended.
         rustix::io::ioctl_fionbio(&output, true).map_err(|error| fails(error.into()))?;
         let mut command = Command::new(self.file(call.number));
         for word in call.words {
@@ -156,7 +155,7 @@ impl UserCodes {
             .current_dir(&self.folder)
             .env("EVOLVENT_MACHINE_NAME", &self.machine_name)
             .env("EVOLVENT_LINE", call.line.to_string())
-            // What speaks for the core to its service manager is not for others.
+            // The core's socket to its service manager must not be inherited.
             .env_remove("NOTIFY_SOCKET")
             .env_remove("WATCHDOG_USEC")
             .env_remove("WATCHDOG_PID")
@@ -166,7 +165,7 @@ impl UserCodes {
             .process_group(0)
             .spawn()
             .map_err(fails)?;
-        // Our ends of the pipe go with the command, so that its end is seen.
+        // Our ends of the pipe are dropped with the command, so that its end is detected.
         drop(command);
         let mut output = Output::new(output, told);
         let result = self.watch(&name, child, &mut output, cancelled);
@@ -178,7 +177,7 @@ impl UserCodes {
         result
     }
 
-    /// Waits for the end, and makes one where that takes too long.
+    /// Waits for the end, and enforces it after the time limit.
     fn watch(
         &self,
         name: &str,
@@ -189,7 +188,7 @@ impl UserCodes {
         let begin = Instant::now();
         let mut asked: Option<Instant> = None;
         loop {
-            // Beyond the limit too, so that the program does not wait for us.
+            // Output beyond the limit is read as well, so that the executable does not block.
             let _is_open = output.tell();
             match child.try_wait() {
                 Ok(Some(_)) if asked.is_some() => return Err(format!("{name}: was ended by a stop")),
@@ -220,10 +219,10 @@ impl UserCodes {
     }
 }
 
-/// To the program and all that it has started.
+/// Sends a signal to the executable and all processes of its group.
 fn signal(child: &Child, signal: Signal) {
     if let Some(group) = Pid::from_raw(child.id().cast_signed()) {
-        // What has ended by itself needs none.
+        // A process that has already ended needs no signal.
         let _gone = kill_process_group(group, signal);
     }
 }
@@ -238,18 +237,18 @@ fn judge(name: &str, status: ExitStatus) -> Result<(), String> {
     }
 }
 
-/// What a program writes, line by line.
+/// Output of an executable, line by line.
 struct Output<'a> {
     pipe: PipeReader,
     told: &'a Sender<UserNews>,
-    /// What there is of a line that is not whole.
+    /// The incomplete last line.
     line: Vec<u8>,
-    /// Bytes that may still be told.
+    /// Number of bytes that may still be reported.
     left: usize,
 }
 
 impl<'a> Output<'a> {
-    /// Of a pipe that is read without waiting.
+    /// Reads a pipe without blocking.
     fn new(pipe: PipeReader, told: &'a Sender<UserNews>) -> Self {
         Self {
             pipe,
@@ -259,7 +258,7 @@ impl<'a> Output<'a> {
         }
     }
 
-    /// Tells the lines that have come by now. Whether there may be more.
+    /// Reports the lines received so far. Returns whether there may be more.
     fn tell(&mut self) -> bool {
         let mut bytes = [0; BYTES_AT_ONCE];
         for _ in 0..MAX_READS {
@@ -280,7 +279,7 @@ impl<'a> Output<'a> {
         true
     }
 
-    /// Tells what there is of a line. What is beyond the limit is forgotten.
+    /// Reports the present line. Output beyond the limit is dropped.
     fn report_line(&mut self) {
         if !self.line.is_empty() && self.left > 0 {
             self.left = self.left.saturating_sub(self.line.len());
@@ -299,26 +298,26 @@ impl<'a> Output<'a> {
 }
 
 impl UserProgram {
-    /// What has happened since the last call.
+    /// The next event, if any.
     pub(crate) fn poll(&mut self) -> Option<UserNews> {
         let news = self.news.try_recv().ok()?;
         self.is_over |= matches!(news, UserNews::Ended(_));
         Some(news)
     }
 
-    /// Whether its end has been told.
+    /// Whether its end was reported.
     pub(crate) fn is_over(&self) -> bool {
         self.is_over
     }
 
-    /// Ends it: asked first, killed if that does not help.
+    /// Ends it: it is asked first, and killed if it does not end.
     pub(crate) fn cancel(&self) {
         self.cancelled.store(true, Ordering::Release);
     }
 }
 
 impl Drop for UserProgram {
-    /// Waits for its end: where the process ends next, nobody else would see to it.
+    /// Waits for its end: if the core's process ends next, nothing else would end it.
     fn drop(&mut self) {
         if self.is_over {
             return;
@@ -340,14 +339,14 @@ mod tests {
 
     use super::*;
 
-    /// A script cannot be started while the child of another test, which is just being made, has it open as
-    /// we had.
+    /// A script cannot be started while the child of another test, which is just being created, has inherited
+    /// its open file.
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    /// Longer than any host keeps a test from running.
+    /// Longer than any host suspends a test.
     const FOREVER: Duration = Duration::from_secs(60);
     const FOREVER_S: f64 = 60.0;
 
-    /// A folder with a script called M101, and what comes of it.
+    /// Runs a script called M101 in a folder, and returns its output and result.
     fn outcome(
         script: &str,
         timeout_s: f64,
@@ -357,8 +356,7 @@ mod tests {
         (lines, result)
     }
 
-    /// The same, with the time from the script's start to its end, without that for which it waits for its
-    /// turn.
+    /// The same with the time from the start of the script to its end, excluding the wait for its turn.
     fn timed_outcome(
         script: &str,
         timeout_s: f64,
@@ -463,7 +461,7 @@ mod tests {
         assert_eq!(lines, expected);
     }
 
-    /// However late it comes.
+    /// However late the poll is.
     #[test]
     fn one_look_tells_all_that_is_in_the_pipe() {
         use std::io::Write;
@@ -474,7 +472,7 @@ mod tests {
         let mut output = Output::new(output, &told);
         assert!(output.tell() && news.try_recv().is_err(), "nothing yet");
         let line = "x".repeat(99);
-        // The system may give small pipes only.
+        // The system may provide small pipes only.
         let whole = format!("{line}\n");
         let written = (0..600)
             .take_while(|_| input.write_all(whole.as_bytes()).is_ok())

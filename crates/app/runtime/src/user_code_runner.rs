@@ -1,4 +1,4 @@
-//! Carries user-defined M codes out while one program runs.
+//! Carries out user-defined M codes during a run.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
@@ -11,22 +11,22 @@ use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent, UserCall};
 use crate::shared::Controls;
 use crate::user_code::{UserCodes, UserNews};
 
-/// Time between two looks at where the machine is.
+/// Poll interval of the machine's position in the program.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// What carrying out needs.
+/// The thread that carries out user-defined M codes.
 pub(crate) struct UserCodeRunner {
     pub codes: UserCodes,
     pub controls: Arc<Controls>,
-    /// The commands ahead, with the numbers of the actions before them.
+    /// The codes ahead, with the numbers of the actions before them.
     pub calls: Receiver<(u32, UserCall)>,
-    /// Who hears what they write.
+    /// Receivers of their output.
     pub listeners: Vec<Sender<FeederEvent>>,
 }
 
 impl UserCodeRunner {
-    /// Carries out each command where the machine has come to it, until the feeder has gone and none is left,
-    /// or the cycle has ended. What went wrong, if something did: the machine was told to stop then.
+    /// Carries out each code when the machine has reached it, until the feeder has ended and no code is left,
+    /// or the cycle has ended. Returns the reason of a failure, after which the machine was stopped.
     pub(crate) fn run(self) -> Option<String> {
         loop {
             match self.calls.recv_timeout(LOOK_EVERY) {
@@ -52,7 +52,7 @@ impl UserCodeRunner {
         }
     }
 
-    /// Waits until the machine stands at the command; `false` where it never will.
+    /// Waits until the machine is at the code; `false` if it will never be.
     fn arrives(&self, action: u32) -> bool {
         loop {
             let progress = self.controls.progress();
@@ -94,7 +94,7 @@ impl UserCodeRunner {
             value: None,
         };
         for listener in &self.listeners {
-            // Whoever does not listen any more misses nothing.
+            // A listener that is gone needs no events.
             let _gone = listener.send(FeederEvent::ExternalEvent(outside.clone()));
         }
     }

@@ -1,4 +1,5 @@
-//! A run whose feed holds a cutting load: in virtual time, with a load that is made from the setpoints.
+//! A run whose feed keeps a cutting load: with the virtual clock, and with a load computed from the
+//! setpoints.
 #![expect(clippy::unwrap_used, reason = "a test may fail")]
 
 use std::path::Path;
@@ -22,7 +23,7 @@ impl RunObserver for Silent {
     fn note(&mut self, _: &str) {}
 }
 
-/// (path, feed, load, override) of each setpoint, and what became of the run. The sensor sends up to a place.
+/// (path, feed, load, override) of each setpoint, and the outcome. The sensor sends up to a position.
 fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
     let mut machine = Machine::load(&file).unwrap();
@@ -44,7 +45,7 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
     let turn = (TURN_S / period_s).round() as usize;
     let outcome = run(&job, &controls, &mut Silent, |setpoint| {
         let x = setpoint.position[0];
-        // From 20 mm on the load at the programmed feed rises from half to twice the set one.
+        // From 20 mm on, the load at the programmed feed rises from half to twice the set load.
         let engaged = if x < 20.0 {
             0.0
         } else {
@@ -52,7 +53,7 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
         };
         let ripple = 1.0 + 0.01 * (setpoint.sequence as f64).sin();
         let mut seen = seen.lock().unwrap();
-        // The chip is what the axis went in the last revolution.
+        // The chip thickness is the distance in the last revolution.
         let before = seen
             .len()
             .checked_sub(turn)
@@ -79,7 +80,7 @@ fn the_load_is_held_the_limits_too_and_rapids_are_left_alone() {
         "{summary:?}"
     );
     let there: Vec<_> = seen.iter().take_while(|s| s[0] < 119.0).collect();
-    // In air the idle factor, then the factor that belongs to the load: (set / engaged)^(1/0.75).
+    // In air the idle factor, then the factor for the load: (set / engaged)^(1/0.75).
     assert!(
         there
             .iter()

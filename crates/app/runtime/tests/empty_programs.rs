@@ -1,4 +1,4 @@
-//! What a check says of a program that does nothing.
+//! Checks of programs that do nothing.
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::Path;

@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 
 use crate::common::driven::{Driven, set_up};
 
-/// `program,machine,rate_hz,moment,is_frozen,feed_mm_s,shortest_s,method`; where the bound holds for the
-/// slowest axis by itself, its time stands for the shortest (method `axis`).
+/// `program,machine,rate_hz,moment,is_frozen,feed_mm_s,shortest_s,method`. If the bound holds for the slowest
+/// axis alone, its time is used as the shortest (method `axis`).
 const TABLE: &str = include_str!("shortest_stops.csv");
 const FACTOR: f64 = 1.15;
 const EXTRA_S: f64 = 0.015;
@@ -46,7 +46,7 @@ impl<'a> Hold<'a> {
         }
     }
 
-    /// The program: shipped, or LinuxCNC's own where it is at hand.
+    /// The program: shipped, or LinuxCNC's own if installed.
     fn program(&self) -> Option<PathBuf> {
         let shipped = repository().join("tests/programs").join(self.program);
         if shipped.exists() {
@@ -61,7 +61,8 @@ fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..")
 }
 
-/// Drives the holds of some programs; gives the largest time without the 15 ms relative to the shortest stop.
+/// Runs the holds of some programs. Returns the largest ratio of time (without the 15 ms) to the shortest
+/// stop.
 fn drive(is_wanted: impl Fn(&str) -> bool) {
     let rows = TABLE
         .lines()

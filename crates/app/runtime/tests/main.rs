@@ -1,4 +1,4 @@
-//! The tests of whole runs, in one executable.
+//! Tests of whole runs, in one executable.
 
 mod common;
 

@@ -1,5 +1,5 @@
-//! M48 to M53 in runs with the virtual clock: which override and which hold counts at which place, and the
-//! same bits again.
+//! M48 to M53 in runs with the virtual clock: which override and which hold applies where, and recomputation
+//! to the same bits.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
@@ -19,7 +19,7 @@ impl RunObserver for Silent {
     fn note(&mut self, _: &str) {}
 }
 
-/// Drives a program at 50 % feed, and has the trace computed again.
+/// Runs a program at 50 % feed, and recomputes the trace.
 fn drive(
     program: &str,
     planner: PlannerKind,
@@ -52,7 +52,7 @@ fn drive(
     (seen.into_inner().unwrap(), outcome.summary.outcome)
 }
 
-/// The feed in the middle of a way along X, mm/s.
+/// The feed in the middle of a move along X, mm/s.
 fn feed_at(setpoints: &[Setpoint], x: f64) -> f64 {
     let passes = setpoints.iter().find(|setpoint| setpoint.position[0] >= x);
     passes.unwrap().feed_mm_s
@@ -79,7 +79,7 @@ fn without_feed_override_the_programmed_feed_is_driven_from_the_block_on_and_unt
                 "{planner:?}: {driven} at {x}"
             );
         }
-        // The setpoint after the first of the block goes by it, and by nothing before.
+        // It applies from the second setpoint of the block on, and to none before.
         let begins = setpoints.iter().position(|setpoint| setpoint.block == 1).unwrap();
         assert_eq!(setpoints[begins].feed_override, 0.5, "{planner:?}");
         assert_eq!(setpoints[begins + 1].feed_override, 1.0, "{planner:?}");

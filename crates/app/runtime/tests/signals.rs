@@ -1,5 +1,5 @@
 //! Outputs and inputs of runs with the virtual clock: which output changes with which setpoint, and what M66
-//! waits for. What is expected is found in the setpoints' positions, not in numbers of blocks.
+//! waits for. Expected values come from the setpoints' positions, not from block numbers.
 
 #![expect(
     clippy::unwrap_used,
@@ -96,9 +96,9 @@ impl Ran {
             .collect()
     }
 
-    /// The first setpoint beyond a place at which X rests; nothing moves back.
+    /// The first setpoint beyond a position of X at rest; nothing moves back.
     fn leaves(&self, x: f64) -> u64 {
-        // A move that begins just before a setpoint has come 1e-14 mm far in it, but speeds up.
+        // A move that begins just before a setpoint has moved only 1e-14 mm in it, but accelerates.
         let beyond = |setpoint: &Setpoint| {
             let past = setpoint.position[0] - x;
             past > 1e-12 || (past > -1e-12 && setpoint.acceleration[0] > 0.0)
@@ -129,7 +129,7 @@ fn drive(
     let controls = Arc::new(Controls::new(1.0));
     let operated = Arc::clone(&controls);
     let (sender, receiver) = mpsc::channel();
-    // Aside: what does not end would not fail either.
+    // On a separate thread: a run that never ends would not fail the test.
     std::thread::spawn(move || {
         let outcome = run(&job, &operated, &mut Silent, |setpoint| {
             operate(&operated, setpoint);
@@ -194,7 +194,7 @@ fn synchronised_outputs_change_with_the_first_setpoint_of_the_next_move() {
             assert!(first < second && second < third && third < end);
             assert_eq!(ran.output(0), [(first, 1.0), (third, 0.0)], "{planner:?} {rate}");
             assert_eq!(ran.output(1), [(second, 1.0), (end, 0.0)], "{planner:?} {rate}");
-            // Of two values for one move the last counts.
+            // Of two values for one move, the last is used.
             assert_eq!(
                 ran.output(64),
                 [(second, 40.0), (third, 60.0)],
@@ -223,7 +223,7 @@ fn in_a_smooth_path_the_output_changes_where_the_block_begins_and_the_feed_goes_
             "{begins}: {before} {here}"
         );
         assert_eq!(value, f64::from((k + 1) % 2 == 1));
-        // 20 mm/s: nothing has slowed for it.
+        // 20 mm/s: the motion has not slowed down.
         assert!(k == 0 || ran.setpoints[sequence as usize].feed_mm_s > 19.9, "{k}");
     }
 }
@@ -240,11 +240,11 @@ fn immediate_outputs_change_at_rest_in_the_order_of_the_program() {
     };
     assert_eq!((at(on).position[0], at(off).position[0]), (2.0, 4.0));
     assert_eq!((at(on).velocity[0], at(off).velocity[0]), (0.0, 0.0));
-    // Each has a setpoint of its own.
+    // Each change has its own setpoint.
     assert_eq!(ran.output(64), [(off - 1, 7.0)]);
     assert_eq!(ran.output(2), [(off + 1, 0.0)], "two is on where it is safe");
     let (one, _) = ran.output(1)[0];
-    // The dwell is between them, and the move after both.
+    // The dwell is between them, and the move comes after both.
     let (dwell, period) = (one - off, ran.outcome.summary.period_ns);
     assert!(
         (dwell as f64 * period as f64 * 1e-9 - 0.1).abs() < 0.005,
@@ -261,7 +261,7 @@ fn an_output_before_no_move_does_not_change() {
 
 #[test]
 fn waits_end_by_what_they_wait_for_and_their_result_steers_the_program() {
-    // Each case: the word L, changes of the input, and the X that tells #5399.
+    // Each case: the word L, changes of the input, and the X that shows #5399.
     let on = |at: f64| format!("[[change]]\ninput = \"ready\"\non = true\nat_s = {at}\n");
     let off = |at: f64| format!("[[change]]\ninput = \"ready\"\non = false\nat_s = {at}\n");
     let begins = |on: bool| format!("[[change]]\ninput = \"ready\"\non = {on}\n");
@@ -277,7 +277,7 @@ fn waits_end_by_what_they_wait_for_and_their_result_steers_the_program() {
         ("L2 Q5", begins(false) + &on(1.0) + &off(1.5), 0.0, 1.5),
         // A pulse within one setpoint is an edge.
         ("L1 Q5", begins(false) + &on(1.5) + &off(1.5), 1.0, 1.5),
-        // High from the beginning is no rise.
+        // High from the beginning is not a rising edge.
         ("L1 Q0.5", begins(true), -1.0, 0.0),
         ("L3 Q0.5", String::new(), -1.0, 0.0),
     ];
@@ -338,7 +338,7 @@ fn outputs_follow_their_rules_in_a_hold_a_stop_and_at_the_end() {
             controls.set_override(0.999);
         }
     };
-    // Once held, going on is not held again.
+    // After one hold, the continued run is not held again.
     let held_once = Arc::new(std::sync::atomic::AtomicBool::new(false));
     let once = Arc::clone(&held_once);
     let ran = drive(
@@ -415,7 +415,7 @@ fn an_open_chain_stops_and_makes_every_output_safe() {
         }
         assert!(ran.setpoints[501].velocity[0] > 0.0);
     }
-    // Without a file the chain is closed: there is no machine.
+    // Without a file the chain is closed, because there is no machine.
     let ran = drive(
         program,
         setup(estop, Some(1000.0), PlannerKind::Optimal),
@@ -454,14 +454,14 @@ fn a_trace_is_left() {
     assert!(ran.trace.is_file());
 }
 
-/// Moves along X, each farther than the one before, and between them whatever sets outputs. Gives the
-/// program, and for each synchronised change of an output the X at which its move begins, its number in the
-/// trace and its value: told apart from what the core knows, by the rule of the language alone.
+/// Moves along X, each farther than the one before, with outputs set in between. Returns the program and, for
+/// each synchronized change of an output, the X at which its move begins, its number in the trace and its
+/// value. These follow from the rules of the language alone, not from the core.
 fn random_program(random: &mut Random) -> (String, Vec<(f64, u32, f64)>) {
     let mode = ["G61", "G61.1", "G64 P0.01", "G64"][random.below(4)];
     let mut text = format!("G21 {mode} F{}\n", 300 + random.below(6000));
     let (mut x, mut expected) = (0.0_f64, Vec::new());
-    // As they stand, safe at the start: only what differs is a change.
+    // The initial values, which are safe: only a different value is a change.
     let mut state = [0.0, 0.0, 1.0, 5.0];
     for _ in 0..3 + random.below(12) {
         let mut pending: [Option<f64>; 4] = [None; 4];
@@ -502,7 +502,7 @@ fn in_random_programs_every_synchronised_output_changes_with_the_first_setpoint_
         let (program, expected) = random_program(&mut random);
         let rate = [250.0, 1000.0, 3333.0, 8000.0, 35_000.0][random.below(5)];
         let planner = [PlannerKind::Optimal, PlannerKind::Classic][random.below(2)];
-        // A hold somewhere changes nothing of it.
+        // A hold in between changes nothing.
         let hold_at = random.below(1500) as u64;
         let operate = move |controls: &Controls, setpoint: &Setpoint| {
             controls.set_hold((hold_at..hold_at + 40).contains(&setpoint.sequence));
@@ -516,8 +516,8 @@ fn in_random_programs_every_synchronised_output_changes_with_the_first_setpoint_
         );
         let end = ran.setpoints.last().unwrap().sequence;
         for (x, code, value) in expected {
-            // A blend begins and ends beside the programmed corner, on a straight line at the same place of
-            // the path.
+            // A blend begins and ends beside the programmed corner, on a straight line at the same path
+            // length.
             let wanted = ran.leaves(x + 1e-9);
             let first = ran.leaves(x);
             let found = ran.output(code);
@@ -559,7 +559,7 @@ fn a_program_goes_on_from_where_the_probe_has_stopped_and_knows_where_it_tripped
             let seen = ran.setpoints.iter().rfind(before).unwrap().position;
             assert!((-5.0..-4.0).contains(&seen[2]), "{said}: {}", seen[2]);
             let last = ran.setpoints.last().unwrap();
-            // The program's X is what it was told of Z, and Y that there was contact.
+            // The program's X is the Z that the probe reported, and Y shows that there was contact.
             assert!(
                 (last.position[0] + seen[2]).abs() < 1e-9,
                 "{said}: {} {}",
@@ -594,7 +594,7 @@ fn without_contact_a_probing_move_that_must_make_it_is_an_error_with_its_line() 
     assert_eq!(ran.outcome.summary.outcome, Outcome::Done);
     let last = ran.setpoints.last().unwrap().position;
     assert_eq!((last[0], last[1], last[2]), (10.0, 0.0, -10.0));
-    // Tripped before: nothing moves.
+    // Tripped before the move: nothing moves.
     let tripped = "[[change]]\ninput = \"probe\"\non = true\n";
     let ran = probes(PROBING, tripped, PlannerKind::Optimal, 1000.0);
     let error = ran.outcome.program.unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! Outputs and inputs of a run in real time, with a bridge on the bus that knows nothing of the core.
+//! Outputs and inputs of a run in real time, with a bridge on the bus that is independent of the core.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
@@ -42,7 +42,7 @@ impl RunObserver for Silent {
     fn note(&mut self, _: &str) {}
 }
 
-/// A prefix of its own, cleared away at the end.
+/// A separate prefix, removed at the end.
 struct Prefix(String);
 
 impl Prefix {
@@ -59,17 +59,17 @@ impl Drop for Prefix {
     }
 }
 
-/// What a bridge has heard.
+/// Messages that a bridge has received.
 #[derive(Default)]
 struct Heard {
     outputs: Vec<MachineOutputs>,
-    /// The first setpoint beyond the start.
+    /// The first setpoint that differs from the start.
     begins: Option<u64>,
     last: Option<evolvent_bus::Setpoint>,
 }
 
-/// A bridge that reads its inputs every 5 ms: what they are, `inputs` says of the outputs in force and the
-/// last setpoint.
+/// A bridge that sends its inputs every 5 ms; `inputs` computes them from the outputs in force and the last
+/// setpoint.
 fn bridge(prefix: &str, over: &AtomicBool, mut inputs: impl FnMut(&Heard) -> Option<MachineInputs>) -> Heard {
     let client = ClientBus::open(&ClientConfig {
         prefix: Some(prefix.to_owned()),
@@ -204,7 +204,7 @@ fn an_open_chain_and_a_bridge_that_falls_silent_stop_the_run() {
             assert!(outcome.summary.end_position[0] < 150.0, "{:?}", outcome.summary);
             let last = heard.outputs.last().unwrap();
             assert_eq!((last.digital & 1, last.analog[3]), (1, 0.0), "safe");
-            // The bridge may be gone before the last setpoint.
+            // The bridge may have ended before the last setpoint.
             let stops = [State::Stopping as u32, State::Stopped as u32];
             assert!(stops.contains(&heard.last.unwrap().state));
         }

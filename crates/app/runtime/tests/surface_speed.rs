@@ -1,5 +1,5 @@
-//! G95 with G97 and G96 in runs with the virtual clock: the feed in the middle of cuts, and the same bits
-//! again.
+//! G95 with G97 and G96 in runs with the virtual clock: the feed in the middle of cuts, and recomputation to
+//! the same bits.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
@@ -20,7 +20,7 @@ impl RunObserver for Silent {
     fn note(&mut self, _: &str) {}
 }
 
-/// Turns a program, and has the trace computed again.
+/// Runs a turning program, and recomputes the trace.
 fn turn(program: &str, planner: PlannerKind) -> Vec<Setpoint> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/lathe-2axis.toml");
     let text = std::fs::read_to_string(&file).unwrap();
@@ -57,14 +57,14 @@ fn a_face_is_driven_with_the_same_feed_per_revolution_while_the_speed_rises() {
         let mut places = 0;
         for setpoint in &setpoints {
             let x = setpoint.position[0];
-            // Where nothing speeds up or slows down, and on the way along X.
+            // While X moves, away from its acceleration at both ends.
             if setpoint.state != State::Running || !(10.0..58.0).contains(&x) || setpoint.velocity[0] > -1e-6
             {
                 continue;
             }
             let rpm = (100_000.0 / (TAU * x)).min(1200.0);
             let per_turn = setpoint.velocity[0].abs() / (rpm / 60.0);
-            // Half of what the speed changes along a piece, and what the feed lags behind the pieces.
+            // Half of the change of speed along a piece, and the lag of the feed behind the pieces.
             assert!(
                 (per_turn / 0.25 - 1.0).abs() < 0.02,
                 "{planner:?}: {per_turn} mm at {x}"

@@ -1,4 +1,4 @@
-//! Turning cycles of a program that find their passes: in virtual time, on a simulated stock.
+//! Load-adaptive turning cycles of a program: with the virtual clock, on a simulated stock.
 #![expect(clippy::unwrap_used, reason = "a test may fail")]
 
 use std::path::Path;
@@ -11,7 +11,7 @@ use evolvent_runtime::{
 };
 use evolvent_turning::{Job as TurningJob, SimulatedProcess, TurningState};
 
-/// Turns 40 mm to a radius of 30 mm, then goes on with an ordinary move.
+/// Turns 40 mm to a radius of 30 mm, then continues with an ordinary move.
 const PROGRAM: &str =
     "G21 G18 G90 G94 G8\nS500 M3\nG0 Z308\nG0 X35\nG0 Z300\nF200\nG82 X60 Z260 H0.3 Q1\nG0 X60\nM2\n";
 const FINAL_X: f64 = 30.0;
@@ -44,7 +44,7 @@ fn setup(process: Option<TurningJob>) -> Setup {
     setup
 }
 
-/// What of each cycle is looked at.
+/// The observed values of each cycle.
 struct Look {
     position: [f64; 2],
     state: State,
@@ -77,7 +77,7 @@ fn drive(
     (seen.into_inner().unwrap(), outcome)
 }
 
-/// Differences of positions against the machine's limits, without the guard.
+/// Checks differences of positions against the machine's limits, without the guard.
 fn keeps_limits(looks: &[Look], setup: &Setup) {
     let (limits, rate) = (setup.machine.limits(), setup.rate_hz());
     for (k, axis) in [(0, 0), (1, 2)] {
@@ -96,8 +96,8 @@ fn keeps_limits(looks: &[Look], setup: &Setup) {
     }
 }
 
-/// The largest true load of a whole program, and the stock that is left above the final size 10 mm behind the
-/// face. The stock is cut by the positions of the setpoints.
+/// The largest true load of a whole program, and the height of the stock left above the final size 10 mm
+/// behind the face. The setpoints' positions cut the stock.
 fn largest_load(program: &str, process: &TurningJob) -> (f64, f64) {
     let here = setup(Some(process.clone()));
     let mut stock = SimulatedProcess::new(process, 1.0 / here.rate_hz()).unwrap();
@@ -144,7 +144,7 @@ fn a_shoulder_within_the_stock_overloads_neither_the_passes_nor_the_finishing_pa
 
 #[test]
 fn facing_leaves_a_shoulder_or_goes_to_the_axis_without_overload() {
-    // Diameters of the end; at 0 there is nothing behind it, at 4 the axis comes before the end of the wall.
+    // End diameters. At 0 there is nothing behind the end; at 4 the axis comes before the end of the wall.
     for (end, allowance) in [
         (20.0, 0.0),
         (20.0, 0.3),
@@ -188,7 +188,7 @@ fn the_program_goes_on_behind_a_cycle_that_has_found_its_passes_and_the_same_bit
         assert!(outcome.program.is_ok(), "{:?}", outcome.program);
         assert_eq!((outcome.summary.outcome.name(), outcome.fault), ("done", None));
         keeps_limits(&looks, &here);
-        // The allowance is left by the cycle, and taken off by the pass after it.
+        // The cycle leaves the allowance, and the pass after it removes it.
         let lowest = |of: &dyn Fn(&&Look) -> bool| {
             looks
                 .iter()
@@ -204,7 +204,7 @@ fn the_program_goes_on_behind_a_cycle_that_has_found_its_passes_and_the_same_bit
             "{}",
             cut.workpiece().height_mm(20.0)
         );
-        // It begins and ends at the place of its line, to the last bit.
+        // It begins and ends at the position of its line, exact to the last bit.
         let first = looks.iter().position(|look| look.turning.is_some()).unwrap();
         let last = looks.iter().rposition(|look| look.turning.is_some()).unwrap();
         assert_eq!(looks[first - 1].position, [35.0, 300.0]);
@@ -230,7 +230,7 @@ fn a_cone_behind_the_cylinder_is_at_size_and_the_finishing_pass_takes_the_rest()
         assert!(outcome.program.is_ok(), "{:?}", outcome.program);
         assert_eq!(outcome.summary.outcome.name(), "done");
         keeps_limits(&looks, &here);
-        // The tip against the contour, left 0.3 mm along X and Z by the cycle.
+        // The tip relative to the contour; the cycle leaves 0.3 mm along X and Z.
         let above = |look: &Look, left: f64| {
             let [x, z] = look.position;
             let contour = 30.0 + (268.0 + left - z).max(0.0) * 30.0_f64.to_radians().tan();
@@ -246,7 +246,7 @@ fn a_cone_behind_the_cylinder_is_at_size_and_the_finishing_pass_takes_the_rest()
         assert!(least(true, 0.3).abs() < 1e-6, "{}", least(true, 0.3));
         assert!(least(false, 0.0).abs() < 1e-3, "{}", least(false, 0.0));
         assert!(looks.iter().any(|look| look.turning == Some(TurningState::Climb)));
-        // The stock that is left, heights above the final cylinder along the cut from Z300.
+        // The remaining stock, as heights above the final cylinder along the cut from Z300.
         let cut = outcome.process.unwrap();
         for along in [5.0, 20.0, 30.0, 33.0, 35.0, 37.0] {
             let contour = (along - 32.0_f64).max(0.0) * 30.0_f64.to_radians().tan();

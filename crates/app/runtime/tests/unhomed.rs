@@ -1,4 +1,4 @@
-//! What a check says of a program while axes are not homed: where they stand means nothing.
+//! Checks of programs while axes are not homed, when their positions are meaningless.
 #![expect(
     clippy::unwrap_used,
     clippy::panic,
@@ -16,7 +16,7 @@ fn errors(unhomed: u32, program: &str) -> Vec<String> {
     errors_from(1000.0, unhomed, program)
 }
 
-/// The same where X stands elsewhere.
+/// The same with X at another position.
 fn errors_from(x_mm: f64, unhomed: u32, program: &str) -> Vec<String> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
     let text = std::fs::read_to_string(&file).unwrap();
@@ -50,13 +50,13 @@ fn an_axis_that_is_not_homed_may_stand_outside_its_travel() {
     let goes_in = "G0 X10\nX20 Y5\nM2\n";
     is_of(&errors(0, goes_in), 1, 'X');
     assert_eq!(errors(0b001, goes_in), [] as [&str; 0]);
-    // It need not move, and how far it moves says nothing.
+    // The axis need not move, and the distance that it moves says nothing.
     assert_eq!(errors(0b001, "G0 Y5\nG91 X5\nX-5\nM2\n"), [] as [&str; 0]);
 }
 
 #[test]
 fn where_the_program_sends_it_is_known() {
-    // Beyond, at once and from within; and what another axis does with it, homed or not.
+    // Beyond the travel, at once and from within; also if another axis does so, homed or not.
     is_of(&errors(0b001, "G0 X401\nG0 X10\nM2\n"), 1, 'X');
     is_of(&errors(0b001, "G0 X399\nG91 X2\nM2\n"), 2, 'X');
     is_of(&errors(0b001, "G0 X10 Y251\nY0\nM2\n"), 1, 'Y');

@@ -1,5 +1,5 @@
-//! The chatter case of the service, computed once: limits over spindle speed, beside which a page marks the
-//! present one.
+//! The chatter case of the service, computed once: limits over spindle speed, on which a page marks the
+//! present speed.
 
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
@@ -14,11 +14,11 @@ use tokio::sync::oneshot;
 use crate::programs::background;
 use crate::server::Server;
 
-/// The case file, and what it came to.
+/// The case file and its result.
 #[derive(Debug, Default)]
 pub(crate) struct ChatterCase {
     file: Option<PathBuf>,
-    /// JSON, or what is wrong.
+    /// JSON, or the error.
     answer: OnceLock<Result<String, String>>,
 }
 
@@ -30,7 +30,7 @@ impl ChatterCase {
         }
     }
 
-    /// Whether there is one.
+    /// Whether a case was given.
     pub(crate) const fn is_given(&self) -> bool {
         self.file.is_some()
     }
@@ -48,7 +48,7 @@ impl ChatterCase {
     }
 }
 
-/// What `evolvent chatter CASE.toml --json` gives, without maps.
+/// The output of `evolvent chatter CASE.toml --json`, without maps.
 pub(crate) async fn chatter(State(server): State<Arc<Server>>) -> Response {
     if !server.chatter.is_given() {
         return StatusCode::NOT_FOUND.into_response();
@@ -57,7 +57,7 @@ pub(crate) async fn chatter(State(server): State<Arc<Server>>) -> Response {
         let (sender, receiver) = oneshot::channel::<()>();
         let of_thread = Arc::clone(&server);
         let started = background("screen-chatter", move || {
-            // Whoever comes meanwhile waits for the first.
+            // Further requests wait for the first.
             of_thread
                 .chatter
                 .answer
@@ -67,7 +67,7 @@ pub(crate) async fn chatter(State(server): State<Arc<Server>>) -> Response {
         if started.is_err() {
             return StatusCode::SERVICE_UNAVAILABLE.into_response();
         }
-        // The thread has ended, one way or the other.
+        // The thread has ended, with or without a result.
         let _ended = receiver.await;
     }
     match server.chatter.answer.get() {

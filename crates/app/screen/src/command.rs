@@ -8,7 +8,7 @@ use evolvent_control::CommandCode;
 use crate::messages::CommandMessage;
 use crate::programs::is_good_name;
 
-/// Commands that stop: every page may send them.
+/// Commands that stop; every page may send them.
 pub(crate) const STOPPING: [CommandCode; 5] = [
     CommandCode::Estop,
     CommandCode::Off,
@@ -17,7 +17,7 @@ pub(crate) const STOPPING: [CommandCode; 5] = [
     CommandCode::JogStop,
 ];
 
-/// The code of a number.
+/// The command with a number.
 pub(crate) fn code_of(number: u32) -> Option<CommandCode> {
     CommandCode::ALL
         .iter()
@@ -25,7 +25,7 @@ pub(crate) fn code_of(number: u32) -> Option<CommandCode> {
         .find(|&code| code as u32 == number)
 }
 
-/// The request; or the error of the message.
+/// The request, or the error of the message.
 pub(crate) fn request_of(
     message: &CommandMessage,
     file_of: impl Fn(&str) -> PathBuf,
@@ -45,7 +45,7 @@ pub(crate) fn request_of(
             .and_then(|axis: usize| request.values.get_mut(axis));
         *slot.ok_or_else(|| format!("{axis} is not an axis; axes are 0 to {}", AXES - 1))? = value;
     }
-    // A page names uploaded programs, never files of the computer.
+    // A page names uploaded programs, not files of the computer.
     let mut text = message.text.clone();
     if code == CommandCode::Load {
         if !is_good_name(&text) {

@@ -8,12 +8,12 @@ use evolvent_runtime::{Setup, TraceTo};
 /// Settings of a screen.
 #[derive(Clone, Debug)]
 pub struct ScreenConfig {
-    /// Its address. Port 0 takes a free one. Beyond loopback connections are encrypted.
+    /// The address. Port 0 selects a free port. Connections are encrypted unless it is a loopback address.
     pub address: SocketAddr,
     /// Names by which browsers may address this computer, in addition to its own name and addresses.
     pub hosts: Vec<String>,
-    /// Certificate chain and private key, PEM. None: beyond loopback a certificate is generated and kept in
-    /// the state folder.
+    /// Certificate chain and private key, PEM. `None`: a certificate is generated and kept in the state
+    /// folder, unless the address is loopback.
     pub certificate: Option<(PathBuf, PathBuf)>,
     /// The served machine.
     pub setup: Setup,
@@ -26,19 +26,19 @@ pub struct ScreenConfig {
 /// What pages may see and do.
 #[derive(Clone, Debug)]
 pub enum ScreenScope {
-    /// They operate a served machine. Offsets and tools are read from this state folder; uploaded programs
+    /// Pages operate a served machine. Offsets and tools are read from this state folder. Uploaded programs
     /// are stored in its folder `programs`, a generated certificate in its folder `screen`.
     Operate {
         /// The service's state folder.
         state_folder: PathBuf,
-        /// Where the service records, to be looked at.
+        /// Where the service records, so that pages can show traces.
         traces: TraceTo,
-        /// File of macros; none for `macros.toml` in the state folder, if it is there.
+        /// File of macros; `None` for `macros.toml` in the state folder, if it exists.
         macros: Option<PathBuf>,
         /// Case file of chatter, whose limits are shown.
         chatter: Option<PathBuf>,
     },
-    /// They watch the run of one program.
+    /// Pages watch the run of one program.
     Watch {
         /// The program.
         program: PathBuf,
@@ -48,7 +48,7 @@ pub enum ScreenScope {
 /// Why a screen did not start.
 #[derive(Debug, thiserror::Error)]
 pub enum ScreenError {
-    /// The address is taken or not this computer's.
+    /// The address is in use or does not belong to this computer.
     #[error(
         "the screen cannot listen on {address}: {source}; choose another port, as in --screen=127.0.0.1:5301"
     )]
@@ -58,7 +58,7 @@ pub enum ScreenError {
         /// Why.
         source: std::io::Error,
     },
-    /// A run is shown beyond loopback without a certificate.
+    /// The screen of a run has an address that is not loopback, and no certificate was given.
     #[error(
         "the screen of a run has no folder to keep a certificate in: beyond this computer give one with \
          --screen-certificate and --screen-key"
@@ -72,7 +72,7 @@ pub enum ScreenError {
         /// The error.
         cause: String,
     },
-    /// The folder of programs cannot be created, no random numbers, no threads.
+    /// The folder of programs, random numbers or threads are not available.
     #[error("the screen cannot be started: {0}")]
     Start(#[from] std::io::Error),
 }

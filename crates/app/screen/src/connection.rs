@@ -19,7 +19,7 @@ use crate::server::Server;
 
 /// A message that is not sent within this time ends the connection.
 const SLOW: Duration = Duration::from_secs(10);
-/// Commands that come many times a second while a finger moves: they are logged once.
+/// Commands that are repeated many times per second while a finger moves; they are logged once.
 const REPEATED: [CommandCode; 5] = [
     CommandCode::Jog,
     CommandCode::JogStop,
@@ -27,7 +27,7 @@ const REPEATED: [CommandCode; 5] = [
     CommandCode::RapidOverride,
     CommandCode::SpindleOverride,
 ];
-/// Maximum number of messages at once, and per second.
+/// Maximum number of messages in one burst, and per second.
 const BURST: f64 = 400.0;
 const RATE: f64 = 200.0;
 /// A page that has control and sends nothing for this time loses it.
@@ -41,7 +41,7 @@ pub(crate) async fn serve(server: Arc<Server>, socket: WebSocket, visitor: Visit
     };
     let (sink, stream) = socket.split();
     let pace = Pace::new();
-    // The first to end ends the other.
+    // Either end ends the other.
     tokio::select! {
         () = write(&server, sink, messages, &pace) => {}
         () = read(&server, stream, number, role, &pace) => {}

@@ -1,5 +1,5 @@
-//! Commands of pages on their way to the core. Only the page that has control moves anything, and what needs
-//! somebody who watches ends when that page loses control.
+//! Commands of pages on their way to the core. Only the page in control can move anything, and motion that
+//! must be watched ends when that page loses control.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,24 +13,24 @@ use crate::hub::{Hub, Term};
 use crate::messages::{CommandMessage, Refusal};
 use crate::orders::{Answer, Orders};
 
-/// A jog renewal that has waited longer is out of date.
+/// Maximum age of a jog renewal.
 const KEEP_AGE: Duration = Duration::from_millis(40);
-/// The same for a jog.
+/// Maximum age of a jog.
 const JOG_AGE: Duration = Duration::from_millis(250);
-/// The same for commands that stop.
+/// Maximum age of commands that stop.
 const AGE: Duration = Duration::from_secs(5);
-/// The same for other commands: who pressed has looked elsewhere since.
+/// Maximum age of other commands: later the operator may be looking elsewhere.
 const PRESS_AGE: Duration = Duration::from_secs(1);
-/// The same for a LOAD, which waits for earlier commands.
+/// Maximum age of a LOAD, which waits for earlier commands.
 const LOAD_AGE: Duration = Duration::from_secs(12);
-/// Maximum age of the status that a page had before it when it sent a command that does not stop. A dead link
-/// that comes back delivers what was sent on it, many seconds later.
+/// Maximum age of the status that a page showed when it sent a command that does not stop. When a dead link
+/// recovers, it delivers what was sent many seconds earlier.
 const MAX_SEEN_AGE_NS: u64 = 1_000_000_000;
 
 /// `activity` of a jog in the status.
 const JOG: u32 = 3;
 
-/// The ways to the core.
+/// The connections to the core.
 pub(crate) struct Dispatch {
     hub: Arc<Hub>,
     /// Commands that stop.
@@ -54,7 +54,8 @@ impl Dispatch {
         }
     }
 
-    /// A page that held a jog has disconnected or lost control: the core would notice 90 ms later.
+    /// Stops a jog when the page that holds it has disconnected or lost control. The core would notice 90 ms
+    /// later.
     pub(crate) fn stop_jog(&self) {
         if self.jogged.swap(false, Ordering::Relaxed) {
             self.stops.send(plain(CommandCode::JogStop), AGE, None);
@@ -68,7 +69,8 @@ impl Dispatch {
         }
     }
 
-    /// Sends what a page may send at this moment; returns the core's answer, or why nothing was sent.
+    /// Sends a command if the page may send it now. Returns the core's answer, or the reason why nothing was
+    /// sent.
     pub(crate) async fn carry_out(
         &self,
         page: u64,
@@ -78,7 +80,8 @@ impl Dispatch {
         let is_code = |code: &CommandCode| *code as u32 == command.command;
         if STOPPING.iter().any(is_code) {
             if is_code(&CommandCode::JogStop) {
-                // Also after a jog that has not been sent yet: a short press must not start after its end.
+                // Also after a jog that has not been sent yet: a short press must not start a jog after its
+                // end.
                 self.jogs.send(request, JOG_AGE, None);
             }
             return self.stops.give(request, AGE, None).await;
@@ -96,7 +99,7 @@ impl Dispatch {
             code if code == CommandCode::JogKeep as u32 => {
                 self.jogs.give(request, KEEP_AGE, Some(term)).await
             }
-            // They end with the page, as a jog does: what the program itself does not do, somebody watches.
+            // Like a jog, these end with the page: motion outside the program must be watched.
             code if code == CommandCode::Return as u32 || code == CommandCode::Retrace as u32 => {
                 self.give_watched(&self.commands, request, PRESS_AGE, term).await
             }
@@ -104,12 +107,12 @@ impl Dispatch {
         }
     }
 
-    /// Loads the program that a page has uploaded.
+    /// Loads a program that a page has uploaded.
     pub(crate) async fn load(&self, request: ControlRequest, term: Term) -> Answer {
         self.commands.give(request, LOAD_AGE, Some(term)).await
     }
 
-    /// Sends what moves only as long as the page that sent it has control.
+    /// Sends a command that moves only as long as the page that sent it has control.
     async fn give_watched(
         &self,
         orders: &Orders,
@@ -119,8 +122,9 @@ impl Dispatch {
     ) -> Answer {
         self.jogged.store(true, Ordering::Relaxed);
         let answer = orders.give(request, max_age, Some(term)).await;
-        // The page may have lost control while the core evaluated the command. The stop that was sent then
-        // came before the motion began, and reset `jogged`: it has to be sent again, whatever that says.
+        // The page may have lost control while the core evaluated the command. The stop sent at that moment
+        // came before the motion began, and reset `jogged`. It therefore has to be sent again, regardless of
+        // `jogged`.
         if !self.hub.is_present(term) {
             self.stops.send(plain(CommandCode::JogStop), AGE, None);
         }
@@ -135,8 +139,8 @@ fn plain(code: CommandCode) -> ControlRequest {
     }
 }
 
-/// Why a command that does not stop is not carried out any more. Without a status the core rejects it, or
-/// nothing moves.
+/// The reason why a command that does not stop is out of date, if it is. Without a status the core rejects
+/// it, or nothing moves.
 fn outdated(present: Option<&Status>, command: &CommandMessage) -> Option<Refusal> {
     let present = present?;
     if present.time_ns.saturating_sub(command.seen_ns) > MAX_SEEN_AGE_NS {
@@ -171,16 +175,16 @@ mod tests {
             serde_json::from_value(json).unwrap()
         };
         // A second, and the future: the status is that of the last setpoint, which pages may have from the
-        // frame before.
+        // previous frame.
         for seen_ns in [99_000_000_000, 100_000_000_000, 100_010_000_000] {
             assert_eq!(outdated(Some(&present), &command(seen_ns, true)), None);
         }
-        // A link that was dead for 12 s, and a page that has seen nothing.
+        // A link that was dead for 12 s, and a page that has received no status.
         for seen_ns in [98_999_999_999, 88_000_000_000, 0] {
             let refusal = outdated(Some(&present), &command(seen_ns, false));
             assert_eq!(refusal, Some(Refusal::OutOfDate));
         }
-        // Somebody has pressed Stop: a change of a jog starts none.
+        // The jog was stopped: a change of a jog does not start one.
         present.activity = 0;
         let refusal = outdated(Some(&present), &command(100_000_000_000, true));
         assert_eq!(refusal, Some(Refusal::JogEnded));
@@ -188,24 +192,24 @@ mod tests {
         assert_eq!(outdated(None, &command(0, true)), None);
     }
 
-    /// A request that the core replies to and does not list: behind it, all that was sent before on the same
-    /// way has been evaluated.
+    /// A request that the core replies to and does not list: after it, everything sent before on the same
+    /// connection was evaluated.
     const MARKER: u32 = u32::MAX;
-    /// Longer than any host keeps a thread from running.
+    /// Longer than any host suspends a thread.
     const FOREVER: Duration = Duration::from_secs(60);
 
-    /// What a core has been sent.
+    /// Commands received by a core.
     #[derive(Default)]
     struct Progress {
         /// Commands whose evaluation has begun.
         begun: Vec<u32>,
         /// Commands that have taken effect.
         done: Vec<u32>,
-        /// Commands take effect; until then their evaluation goes on.
+        /// Commands take effect; until then their evaluation does not finish.
         is_open: bool,
     }
 
-    /// A core that evaluates a command until it is let go on. Stops take no time.
+    /// A core that evaluates a command until it is released. Stops take no time.
     #[derive(Clone, Default)]
     struct SlowCore(Arc<(Mutex<Progress>, Condvar)>);
 
@@ -248,7 +252,7 @@ mod tests {
         }
     }
 
-    /// Two pages that may operate, the first of which has control.
+    /// Two pages that may operate; the first has control.
     struct Scene {
         hub: Arc<Hub>,
         dispatch: Dispatch,
@@ -294,7 +298,7 @@ mod tests {
                 stop,
                 _messages: messages,
             };
-            // The threads run: the time that they take to start is not that of a command.
+            // The threads run, so their start-up time does not count as that of a command.
             scene.evaluated().await;
             scene
         }
@@ -313,7 +317,7 @@ mod tests {
             self.dispatch.stop_jog();
         }
 
-        /// Waits until something is true of what the core has been sent.
+        /// Waits until a condition holds for what the core has received.
         async fn until(&self, what: &str, is_so: impl Fn(&Progress) -> bool) {
             let begun = Instant::now();
             while !is_so(&self.core.progress()) {
@@ -322,7 +326,7 @@ mod tests {
             }
         }
 
-        /// Waits until all that was sent so far has been evaluated.
+        /// Waits until everything sent so far was evaluated.
         async fn evaluated(&self) {
             let dispatch = &self.dispatch;
             for orders in [&dispatch.commands, &dispatch.jogs, &dispatch.stops] {
@@ -334,7 +338,7 @@ mod tests {
             }
         }
 
-        /// What has reached the core, when all of it has.
+        /// What the core has received, once it has received everything.
         async fn settled(&self) -> Vec<u32> {
             self.evaluated().await;
             self.stop.store(true, Ordering::Relaxed);
@@ -342,7 +346,7 @@ mod tests {
         }
     }
 
-    /// Runs a test; again where the host kept it from running, because commands expire.
+    /// Runs a test, again if the host suspended it, because commands expire.
     fn run<T: Future<Output = ()>>(test: impl Fn() -> T) {
         unless_disturbed(|| {
             tokio::runtime::Builder::new_current_thread()
@@ -410,7 +414,7 @@ mod tests {
                         tokio::time::sleep(Duration::from_millis(1)).await;
                     }
                     scene.lose();
-                    // Control that comes back is another: who pressed is not who looks now.
+                    // Control that was regained is a new term: another operator may be at the page.
                     assert!(scene.hub.give(scene.pages[1]));
                     scene.hub.take(scene.pages[0], false);
                     assert!(scene.hub.term(scene.pages[0]).is_some());

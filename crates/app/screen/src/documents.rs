@@ -1,4 +1,4 @@
-//! Pages of the documentation, for machines without a network: alarms and events of the page lead there.
+//! Pages of the documentation for machines without a network; alarms and events of the page link to them.
 
 use std::collections::HashMap;
 
@@ -16,7 +16,7 @@ macro_rules! pages {
     };
 }
 
-// What operators and those who set a machine up read.
+// The pages for operators and for setting up a machine.
 pages!(
     "alarms",
     "faq",
@@ -62,7 +62,7 @@ fn page(text: &str, is_dark: bool) -> String {
     let events: Vec<Event<'_>> = Parser::new_ext(text, Options::ENABLE_TABLES).collect();
     let ids = ids_of(&events);
     let mut ids = ids.into_iter();
-    // Links that lead out of these pages are text here. Pictures are not part of the program.
+    // Links to other pages are shown as text. Pictures are not part of the binary.
     let (mut linked, mut pictures) = (Vec::new(), 0_u32);
     let shown = events.into_iter().filter_map(|event| match event {
         Event::Start(Tag::Heading {
@@ -115,7 +115,7 @@ fn page(text: &str, is_dark: bool) -> String {
     )
 }
 
-/// The anchor of every heading, as the book and GitHub give it.
+/// The anchor of every heading, as the book and GitHub generate it.
 fn ids_of(events: &[Event<'_>]) -> Vec<String> {
     let (mut ids, mut open, mut seen) = (Vec::new(), None::<(HeadingLevel, String)>, HashMap::new());
     for event in events {
@@ -151,7 +151,7 @@ fn anchor(title: &str) -> String {
     kept.collect()
 }
 
-/// Where a link of the Markdown leads here, if its page is one of these.
+/// The target here of a Markdown link, if its page is one of these.
 fn target_of(link: &str) -> Option<String> {
     let (page, anchor) = link
         .split_once('#')

@@ -7,11 +7,11 @@ use crate::messages::{LogEntry, LogFact, LogKind};
 
 /// Maximum number of entries that are neither alarms nor warnings.
 const MAX_ENTRIES: usize = 500;
-/// Maximum number of alarms and warnings: whatever else happens, they stay.
+/// Maximum number of alarms and warnings, which are counted separately from other entries.
 const MAX_ALARMS: usize = 200;
 /// A repeated entry is written again after this time.
 const REPEAT: Duration = Duration::from_secs(60);
-/// Number of repeated entries in turn, as JOG and JOG_STOP of a pad, among which another one is looked for.
+/// Number of entries searched for a repetition, such as alternating JOG and JOG_STOP of a pad.
 const MAX_REPEATED: usize = 8;
 
 /// The newest entries.
@@ -20,19 +20,20 @@ pub(crate) struct EventLog {
     entries: VecDeque<LogEntry>,
     alarms: VecDeque<LogEntry>,
     next: u64,
-    /// Entries that may be repeated, and their times, since the last of another kind.
+    /// Entries that may be repeated, with their times, since the last entry of another kind.
     repeated: VecDeque<(LogFact, Instant)>,
 }
 
 impl EventLog {
-    /// All entries, in the order in which they came.
+    /// All entries, in order of arrival.
     pub(crate) fn entries(&self) -> Vec<LogEntry> {
         let mut all: Vec<LogEntry> = self.entries.iter().chain(&self.alarms).cloned().collect();
         all.sort_by_key(|entry| entry.id);
         all
     }
 
-    /// Adds an entry of now and returns it; the oldest of its kind is dropped where there are too many.
+    /// Adds an entry with the present time and returns it. If there are too many, the oldest of its kind is
+    /// dropped.
     pub(crate) fn add(
         &mut self,
         kind: LogKind,
@@ -44,7 +45,7 @@ impl EventLog {
         self.push(kind, number, text, None, cure)
     }
 
-    /// The same of what the server itself says.
+    /// The same for an entry of the server itself.
     pub(crate) fn add_fact(
         &mut self,
         kind: LogKind,
@@ -56,8 +57,8 @@ impl EventLog {
         self.push(kind, number, fact.sentence(), Some(fact), cure)
     }
 
-    /// Adds an entry of what comes many times in a row, as the jogs of a pad; none where it is one of the
-    /// last already.
+    /// Adds an entry that may occur many times in a row, such as jogs of a pad; `None` if it is one of the
+    /// last entries already.
     pub(crate) fn add_repeated(&mut self, kind: LogKind, fact: LogFact) -> Option<LogEntry> {
         self.repeated.retain(|(_, written)| written.elapsed() < REPEAT);
         if self.repeated.iter().any(|(other, _)| *other == fact) {
@@ -126,7 +127,7 @@ mod tests {
                 .iter()
                 .len();
         }
-        // Once each, and again after a minute on a host that is slow.
+        // Once each, and again after a minute on a slow host.
         assert!((2..20).contains(&written), "{written}");
         for i in 0..10_000 {
             log.add(LogKind::Command, None, format!("MDI {i}"), None);

@@ -11,13 +11,13 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-/// Nothing from other sites, nothing inline.
+/// The policy of pages: nothing from other sites, nothing inline.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src \
      'self'; worker-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors \
      'none'";
 
-/// The policy of a report, whose page has its script and style in it. It is shown in a frame of the page, in
-/// an origin of its own: it reaches neither the page nor its cookie nor the server.
+/// The policy of a report, whose page contains its script and style. It is shown in a frame with a separate
+/// origin, so it has access to neither the page nor its cookie nor the server.
 const FRAMED_POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; \
      base-uri 'none'; form-action 'none'; frame-ancestors 'self'; sandbox allow-scripts";
 
@@ -37,9 +37,9 @@ pub(crate) enum Role {
 pub(crate) struct Gate {
     /// First part of every path, and what it permits.
     pub(crate) keys: Vec<(String, Role)>,
-    /// Names that browsers may use; another name that leads here is a rebinding attack.
+    /// Names that browsers may use; another name that resolves to this address is a rebinding attack.
     names: Vec<String>,
-    /// Whether `Host` may be any numeric address: no name service can rebind one.
+    /// Whether `Host` may be any numeric address, which no name service can rebind.
     any_address: bool,
     port: u16,
     scheme: &'static str,
@@ -80,7 +80,7 @@ impl Gate {
         port == Some(self.port) && is_known
     }
 
-    /// The role of a request's key, or why it is not served.
+    /// The role of a request's key, or the reason why it is not served.
     fn role(&self, path: &str, headers: &HeaderMap) -> Result<Role, StatusCode> {
         let mut hosts = headers.get_all(HOST).iter();
         let host = hosts
@@ -105,7 +105,7 @@ impl Gate {
     }
 }
 
-/// In a time that does not depend on the position of the difference.
+/// Compares in a time that does not depend on the position of the difference.
 fn is_same(given: &str, key: &str) -> bool {
     let differing = given
         .bytes()

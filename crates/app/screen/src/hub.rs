@@ -1,4 +1,4 @@
-//! The pages, which of them has control, and the messages to all.
+//! The pages, the page in control, and the messages to all pages.
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
@@ -16,25 +16,24 @@ use crate::watcher::Frame;
 
 /// Maximum number of pages at the same time.
 const MAX_PAGES: usize = 64;
-/// Maximum number of messages that wait for a slow page; beyond it the page is disconnected.
+/// Maximum number of messages waiting for a slow page; beyond it the page is disconnected.
 const WAITING: usize = 256;
 
-/// Maximum number of pages that only watch: there are always some for those who operate.
+/// Maximum number of pages that only watch; the others are reserved for operators.
 const MAX_WATCHING: usize = 48;
 /// Maximum number of pages that only watch from another computer.
 const MAX_WATCHING_CLIENT: usize = 16;
 
-/// Who opens a page.
+/// A client that opens a page.
 #[derive(Clone, Debug)]
 pub(crate) struct Visitor {
     pub(crate) session: String,
     pub(crate) role: Role,
-    /// What counts as one client.
+    /// The identity of one client.
     pub(crate) client: IpAddr,
 }
 
-/// The control that one page has, from when it takes it to when it loses it. Control that comes back is
-/// another one.
+/// The control of one page, from taking it to losing it. Control that is regained is a new term.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Term {
     page: u64,
@@ -57,7 +56,7 @@ struct Inner {
     terms: u64,
     log: EventLog,
     program: Option<ProgramInfo>,
-    /// The program of the status beside which a rejected upload is shown.
+    /// The program in the status while a rejected upload is shown.
     beside: Option<String>,
     kept: Option<ToPage>,
     macros: Option<ToPage>,
@@ -88,7 +87,7 @@ impl Hub {
         self.frames.subscribe()
     }
 
-    /// What pages draw next; `present` is the status that it shows, where one comes.
+    /// Publishes the next frame; `present` is the status that it shows, if there is one.
     pub(crate) fn show(
         &self,
         status: &ToPage,
@@ -105,12 +104,12 @@ impl Hub {
         });
     }
 
-    /// The status that is shown; none while none comes.
+    /// The status that is shown; `None` if there is none.
     pub(crate) fn present(&self) -> Option<Arc<Status>> {
         self.frames.borrow().present.clone()
     }
 
-    /// Adds a page, which finds its snapshot in the channel; none if there are too many.
+    /// Adds a page, whose snapshot is in the channel; `None` if there are too many.
     pub(crate) fn join(&self, visitor: Visitor) -> Option<(u64, mpsc::Receiver<Utf8Bytes>)> {
         let mut inner = self.lock();
         if inner.pages.len() >= MAX_PAGES || (visitor.role == Role::Watch && !inner.may_watch(visitor.client))
@@ -151,7 +150,7 @@ impl Hub {
         Some((number, receiver))
     }
 
-    /// Removes a page; true if it had control.
+    /// Removes a page; returns whether it had control.
     pub(crate) fn leave(&self, number: u64) -> bool {
         let mut inner = self.lock();
         inner.pages.remove(&number);
@@ -169,13 +168,13 @@ impl Hub {
         self.lock().term().filter(|term| term.page == page)
     }
 
-    /// Whether a page has had control since.
+    /// Whether a page has kept control since the start of the term.
     pub(crate) fn is_present(&self, term: Term) -> bool {
         self.lock().term() == Some(term)
     }
 
-    /// The control that a page has, for a request beside its connection: all pages of a browser have one
-    /// session, so that it says who the page is. The session says that it is this browser's.
+    /// The control of a page for a request outside its connection. All pages of a browser have one session,
+    /// so the request names its page, and the session proves that the page belongs to this browser.
     pub(crate) fn term_of_request(&self, page: u64, session: &str) -> Option<Term> {
         let inner = self.lock();
         let term = inner.term().filter(|term| term.page == page)?;
@@ -183,7 +182,7 @@ impl Hub {
         (!session.is_empty() && holder.session == session).then_some(term)
     }
 
-    /// Gives control to a page; true if another one lost it.
+    /// Gives control to a page; returns whether another one lost it.
     pub(crate) fn take(&self, number: u64, force: bool) -> bool {
         let mut inner = self.lock();
         let before = inner.holder;
@@ -205,12 +204,12 @@ impl Hub {
         before.is_some()
     }
 
-    /// Returns control; true if this page had it.
+    /// Returns control; returns whether this page had it.
     pub(crate) fn give(&self, number: u64) -> bool {
         self.end_lease(number, LogFact::ControlReturned { page: number })
     }
 
-    /// Takes control from a page that sends nothing any more; true if it had it.
+    /// Takes control from a page that no longer sends; returns whether it had it.
     pub(crate) fn drop_silent(&self, number: u64) -> bool {
         self.end_lease(number, LogFact::ControlExpired { page: number })
     }
@@ -226,7 +225,7 @@ impl Hub {
         had
     }
 
-    /// A message to one page; one that does not read is dropped.
+    /// Sends a message to one page; a page that does not read is dropped.
     pub(crate) fn tell_one(&self, number: u64, line: Utf8Bytes) {
         let mut inner = self.lock();
         let page = inner.pages.get(&number);
@@ -244,12 +243,12 @@ impl Hub {
         self.lock().add(kind, number, text, cure);
     }
 
-    /// Logs what the server itself says.
+    /// Logs an entry of the server itself.
     pub(crate) fn log_fact(&self, kind: LogKind, number: Option<u32>, fact: LogFact, cure: Option<String>) {
         self.lock().add_fact(kind, number, fact, cure);
     }
 
-    /// Logs a command that comes many times in a row, as the jogs of a pad: once.
+    /// Logs a command that occurs many times in a row, such as jogs of a pad, once.
     pub(crate) fn log_repeated(&self, kind: LogKind, fact: LogFact) {
         let mut inner = self.lock();
         if let Some(entry) = inner.log.add_repeated(kind, fact) {
@@ -263,14 +262,14 @@ impl Hub {
         inner.put_program(program);
     }
 
-    /// Shows an upload that the core has rejected: its errors are shown while the core still has `loaded`.
+    /// Shows an upload that the core has rejected; its errors are shown while the core still has `loaded`.
     pub(crate) fn tell_rejected(&self, program: ProgramInfo, loaded: String) {
         let mut inner = self.lock();
         inner.beside = Some(loaded);
         inner.put_program(program);
     }
 
-    /// Shows a program in place of the one of number `before`; false if another one is shown by now.
+    /// Shows a program in place of the one with number `before`; `false` if another one is already shown.
     pub(crate) fn replace_program(&self, before: Option<u64>, program: ProgramInfo) -> bool {
         let mut inner = self.lock();
         let is_before = inner.program.as_ref().map(|shown| shown.upload) == before;
@@ -281,8 +280,7 @@ impl Hub {
         is_before
     }
 
-    /// The program that pages show, and the one of the status beside which it is shown, where the core has
-    /// rejected it.
+    /// The program that pages show and, if the core has rejected it, the program in the status at that time.
     pub(crate) fn shown_program(&self) -> (Option<ProgramInfo>, Option<String>) {
         let inner = self.lock();
         (inner.program.clone(), inner.beside.clone())
@@ -293,7 +291,7 @@ impl Hub {
         let mut inner = self.lock();
         let present = inner.program.as_ref();
         if let Some(present) = present.filter(|present| present.upload == found.upload) {
-            // It may have been planned before the check has ended.
+            // It may have been planned before the check ended.
             let planned_s = present.planned_s;
             inner.put_program(ProgramInfo { planned_s, ..found });
         }
@@ -310,7 +308,7 @@ impl Hub {
         }
     }
 
-    /// Says that there will be nothing more.
+    /// Sends the last message.
     pub(crate) fn tell_end(&self, what: EndOf) {
         self.lock().tell(&ToPage::End { what });
     }
@@ -347,7 +345,8 @@ impl Inner {
         });
     }
 
-    /// Whether one more page of this client may watch. Through loopback, and so through a tunnel, come many.
+    /// Whether one more page of this client may watch. Many come through loopback, for example through a
+    /// tunnel.
     fn may_watch(&self, client: IpAddr) -> bool {
         let watching = self.pages.values().filter(|page| page.role == Role::Watch);
         let (mut all, mut of_client) = (0, 0);
@@ -378,7 +377,7 @@ impl Inner {
         self.drop_pages(&lost);
     }
 
-    /// A page whose channel is full has not read for long: it is dropped, which ends its connection.
+    /// A page whose channel is full has not read for a long time. It is dropped, which ends its connection.
     fn tell(&mut self, message: &ToPage) {
         let line = text(message);
         let failed =
@@ -403,7 +402,7 @@ impl Inner {
         self.tell(&ToPage::Log { entries: vec![entry] });
     }
 
-    /// Logs what became of a page or of control.
+    /// Logs an event of a page or of control.
     fn add_link(&mut self, fact: LogFact) {
         self.add_fact(LogKind::Link, None, fact, None);
     }
@@ -411,7 +410,7 @@ impl Inner {
 
 /// A message as JSON.
 pub(crate) fn text(message: &ToPage) -> Utf8Bytes {
-    // Values that are not numbers become null; nothing else in these types can fail.
+    // NaN and infinite values become null; nothing else in these types can fail.
     serde_json::to_string(message).unwrap_or_default().into()
 }
 
@@ -491,7 +490,7 @@ mod tests {
         hub.tell_planned("part.ngc", 2, Some(12.5));
         hub.tell_checked(program(2, true, None));
         assert_eq!(present(), Some(program(2, true, Some(12.5))));
-        // The same name and size again: what comes late of the former upload is none of it.
+        // The same name and size again: late results of the former upload do not apply to it.
         hub.tell_program(program(3, false, None));
         hub.tell_planned("part.ngc", 2, Some(12.5));
         hub.tell_checked(program(2, true, None));

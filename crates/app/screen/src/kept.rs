@@ -1,4 +1,4 @@
-//! Offsets and tools as the service has stored them, and macros: read again and again, and told to pages.
+//! Offsets and tools as stored by the service, and macros: polled, and sent to pages.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -19,7 +19,7 @@ pub(crate) fn present_setup(setup: &Setup, state_folder: Option<&Path>) -> Setup
     let Some(state_folder) = state_folder else {
         return setup;
     };
-    // The core reports unreadable files; the picture is made without them.
+    // The core reports unreadable files; the path is drawn without them.
     let kept = setup.memory.kept_file.clone();
     let _unread = setup
         .memory
@@ -73,7 +73,7 @@ fn kept(setup: &Setup, state_folder: Option<&Path>) -> ToPage {
     }
 }
 
-/// Tells pages of new offsets, tools and macros for as long as the server runs.
+/// Sends changed offsets, tools and macros to pages while the server runs.
 pub(crate) async fn watch_kept(server: Arc<Server>) {
     let macros = Arc::new(Mutex::new(MacroWatch::default()));
     loop {

@@ -1,4 +1,4 @@
-//! The screen of a machine: a web server beside a running core, and an ordinary client of its bus.
+//! The screen of a machine: a web server next to a running core, and an ordinary client of its bus.
 //!
 //! Pages and server exchange [`messages`]: JSON over one WebSocket, samples and path in binary. `PROTOCOL.md`
 //! in this crate has the addresses and the order of messages.

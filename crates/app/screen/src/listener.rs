@@ -1,4 +1,4 @@
-//! Connections: their number, and the time to send a request.
+//! Connections: their maximum number, and the time limit of a request.
 
 use std::convert::Infallible;
 use std::time::Duration;
@@ -13,8 +13,8 @@ use tokio_rustls::TlsAcceptor;
 
 use crate::slots::Slots;
 
-/// Maximum number of connections. A page needs up to seven; each is a descriptor of the process that moves
-/// the machine.
+/// Maximum number of connections. A page needs up to seven, and each is a file descriptor of the process that
+/// moves the machine.
 const MAX_CONNECTIONS: usize = 256;
 /// Maximum time for establishing a connection and for a request.
 const BEGINNING: Duration = Duration::from_secs(10);
@@ -36,7 +36,7 @@ pub(crate) async fn listen(
                 None => continue,
             },
             Err(_) => {
-                // No descriptors: other connections end soon.
+                // No file descriptors are left: other connections end soon.
                 tokio::time::sleep(Duration::from_millis(50)).await;
                 continue;
             }
@@ -51,7 +51,7 @@ pub(crate) async fn listen(
 }
 
 async fn serve(stream: TcpStream, router: Router, encryption: Option<TlsAcceptor>) {
-    // A command is small and has to be sent at once.
+    // A command is small and has to be sent immediately.
     let _delayed = stream.set_nodelay(true);
     match encryption {
         None => answer(stream, router).await,

@@ -1,5 +1,5 @@
-//! The program that the core has loaded and that no upload has told pages of: another client has loaded it,
-//! or a page by its name. Pages show what START would start, and so it is read and told like an upload.
+//! The program that the core has loaded without an upload from a page: another client has loaded it, or a
+//! page by its name. Pages show the program that START would start, so it is read and shown like an upload.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,24 +13,24 @@ use crate::messages::{LogFact, LogKind, ProgramInfo};
 use crate::server::{Server, name_of};
 use crate::upload::{MAX_PROGRAM, look_through};
 
-/// Poll interval. Pages hear of a program when two polls in a row find it: the first status after an upload
-/// may be older.
+/// Poll interval. A program is shown when two consecutive polls find it: the first status after an upload may
+/// be older.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// What a file looks like from outside: another look means another text.
+/// Metadata of a file. Different metadata means a different text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Look {
     bytes: u64,
     changed: Option<SystemTime>,
 }
 
-/// A program that was told to pages here.
+/// A program that was sent to pages from here.
 struct Told {
     number: u64,
     look: Result<Look, String>,
 }
 
-/// Tells pages of the program of the status whenever they show another one, for as long as the server runs.
+/// Sends the program of the status to pages whenever they show another one, while the server runs.
 pub(crate) async fn watch_loaded(server: Arc<Server>) {
     let mut told: Option<Told> = None;
     let mut before = String::new();
@@ -40,7 +40,7 @@ pub(crate) async fn watch_loaded(server: Arc<Server>) {
             continue;
         };
         let loaded = status.program_name().to_owned();
-        // An upload tells of its program by itself, and holds this from before its LOAD until then.
+        // An upload sends its program itself, and holds this permit from before its LOAD until then.
         if server.receiving.available_permits() == 0 || loaded.is_empty() {
             continue;
         }
@@ -49,8 +49,7 @@ pub(crate) async fn watch_loaded(server: Arc<Server>) {
         let (shown, beside) = server.hub.shown_program();
         let is_shown = shown.as_ref().is_some_and(|shown| is_named(&shown.file, &loaded));
         let is_told_here = told.as_ref().map(|told| told.number) == shown.as_ref().map(|shown| shown.upload);
-        // The text of an upload never changes, and one that was rejected is shown until something else is
-        // loaded.
+        // The text of an upload never changes, and a rejected one is shown until another program is loaded.
         if !is_settled || (is_shown && !is_told_here) || (!is_shown && beside.as_ref() == Some(&loaded)) {
             continue;
         }
@@ -85,7 +84,7 @@ pub(crate) async fn watch_loaded(server: Arc<Server>) {
     }
 }
 
-/// Whether a file is the one of a status, which truncates long names at a boundary of a character.
+/// Whether a file is the one in a status, which truncates long names at a character boundary.
 fn is_named(file: &str, loaded: &str) -> bool {
     file == loaded || (file.starts_with(loaded) && loaded.len() + 4 > TEXT_BYTES)
 }

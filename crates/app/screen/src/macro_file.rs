@@ -9,15 +9,15 @@ use serde::Deserialize;
 
 use crate::messages::{MacroButton, ToPage};
 
-/// A longer file is none of macros.
+/// Maximum size of a file of macros.
 const MAX_FILE_BYTES: u64 = 256 << 10;
-/// Buttons of a file.
+/// Maximum number of buttons in a file.
 const MAX_MACROS: usize = 60;
-/// Blocks of a button.
+/// Maximum number of blocks of a button.
 const MAX_BLOCKS: usize = 50;
-/// Longest block, bytes: as MDI takes it.
+/// Maximum length of a block, bytes, as for MDI.
 const MAX_BLOCK: usize = 1000;
-/// Longest name and note, characters.
+/// Maximum length of name and note, characters.
 const MAX_NAME: usize = 40;
 const MAX_NOTE: usize = 200;
 
@@ -128,7 +128,8 @@ pub(crate) struct MacroWatch {
 }
 
 impl MacroWatch {
-    /// The message for pages if the file has changed since the last call. A missing file holds no macros, unless it was named.
+    /// The message for pages if the file has changed since the last call. A missing file counts as one
+    /// without macros, unless it must exist.
     pub(crate) fn look(&mut self, file: &Path, must_exist: bool) -> Option<ToPage> {
         let facts = std::fs::metadata(file).and_then(|facts| Ok((facts.modified()?, facts.len())));
         let seen = facts.as_ref().ok().copied();

@@ -2,7 +2,8 @@
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 
-/// The address for other computers: for "all addresses" the one by which this computer reaches others.
+/// The address for other computers. For "all addresses" it is the one from which this computer reaches
+/// others.
 pub(crate) fn public_host(local: SocketAddr) -> IpAddr {
     if !local.ip().is_unspecified() {
         return local.ip();
@@ -23,8 +24,8 @@ pub(crate) fn public_host(local: SocketAddr) -> IpAddr {
     routed.map_or(local.ip(), |address| address.ip())
 }
 
-/// Names and addresses of this computer, for its certificate and for `Host`; the machine's name is the first,
-/// where a name server can have it.
+/// Names and addresses of this computer, for its certificate and for `Host`. The machine's name is the first,
+/// if it is a valid host name.
 pub(crate) fn server_names(machine: &str, hosts: &[String], host: IpAddr) -> Vec<String> {
     let system = rustix::system::uname();
     let own = system.nodename().to_string_lossy().into_owned();

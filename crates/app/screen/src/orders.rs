@@ -25,7 +25,7 @@ pub(crate) struct Answer {
     pub(crate) accepted: bool,
     pub(crate) alarm: u32,
     pub(crate) text: String,
-    /// Why the server itself refused it, where it has a name for that.
+    /// Why the server itself rejected it, if that reason has a name.
     pub(crate) refusal: Option<Refusal>,
 }
 
@@ -54,12 +54,12 @@ struct Order {
     request: ControlRequest,
     given: Instant,
     max_age: Duration,
-    /// The control under which it was given; none for what every page may send.
+    /// The control under which it was sent; `None` for commands that every page may send.
     term: Option<Term>,
     reply: Option<oneshot::Sender<Answer>>,
 }
 
-/// A thread of normal priority with a client of the control service: it waits for each answer before the next
+/// A thread of normal priority with a client of the control service. It waits for each answer before the next
 /// command, because the core rejects a second command of a client that has no answer yet.
 #[derive(Clone)]
 pub(crate) struct Orders {
@@ -67,7 +67,7 @@ pub(crate) struct Orders {
 }
 
 impl Orders {
-    /// `core` is made in the thread, which it does not leave.
+    /// `core` is created on the thread and stays there.
     pub(crate) fn spawn<C: Core>(
         name: &str,
         core: impl FnOnce() -> C + Send + 'static,
@@ -82,8 +82,8 @@ impl Orders {
         Ok((Self { sender }, thread))
     }
 
-    /// Sends a command unless it has then waited for longer than `max_age`, or the control under which it was
-    /// given has ended.
+    /// Sends a command unless it has waited for longer than `max_age`, or the control under which it was sent
+    /// has ended.
     pub(crate) async fn give(
         &self,
         request: ControlRequest,
@@ -118,27 +118,26 @@ impl Orders {
     }
 }
 
-/// Where orders go.
+/// The destination of orders.
 pub(crate) trait Core {
-    /// Connects, if it is not connected, and waits for the core.
+    /// Connects if necessary, and waits for the core.
     fn open(&mut self) -> Result<(), String>;
-    /// Connects, if it is not connected and there is a core now.
+    /// Connects if necessary and if there is a core now.
     fn open_early(&mut self);
     /// Sends a command and waits for the answer.
     fn command(&mut self, request: &ControlRequest) -> Answer;
 }
 
-/// The first and the longest wait from an early connection that failed to the next: each is work for the
-/// processor of the core.
+/// First and longest time between attempts to connect early: each attempt takes processor time from the core.
 const RETRIES: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
 /// The core on the bus.
 pub(crate) struct BusCore {
     config: ClientConfig,
-    /// It takes commands: `serve` does, `run` does not.
+    /// Whether it accepts commands: `serve` does, `run` does not.
     is_commanded: bool,
     client: Option<ControlClient>,
-    /// When to try again without an order, and how long after that.
+    /// When to try again without an order, and the time after that.
     early: (Instant, Duration),
 }
 
@@ -205,7 +204,7 @@ impl Core for BusCore {
 
 fn carry(mut core: impl Core, hub: &Hub, stop: &AtomicBool, orders: &Receiver<Order>) {
     while !stop.load(Ordering::Relaxed) {
-        // A client takes up to seconds to open: an emergency stop does not wait for that, and a jog would
+        // Opening a client takes up to seconds. An emergency stop must not wait for that, and a jog would
         // expire.
         core.open_early();
         let order = match orders.recv_timeout(LOOK) {
@@ -213,8 +212,7 @@ fn carry(mut core: impl Core, hub: &Hub, stop: &AtomicBool, orders: &Receiver<Or
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        // There may be no core yet, or no longer: what is looked at is the moment in which the command
-        // leaves.
+        // There may be no core yet, or no longer. The age is checked at the moment when the command is sent.
         let answer = match core.open() {
             Err(text) => Answer::refused(text),
             Ok(()) => match order.expired(hub) {
@@ -230,7 +228,7 @@ fn carry(mut core: impl Core, hub: &Hub, stop: &AtomicBool, orders: &Receiver<Or
 }
 
 impl Order {
-    /// Why it is not sent any more.
+    /// The reason why it is no longer sent, if any.
     fn expired(&self, hub: &Hub) -> Option<Refusal> {
         if self.given.elapsed() > self.max_age {
             return Some(Refusal::TooLate);
@@ -252,7 +250,8 @@ mod tests {
     /// Maximum age of an order of these tests, which is much longer than a thread takes to run.
     const MAX_AGE: Duration = Duration::from_millis(500);
 
-    /// A core to which connecting takes longer than orders wait. The second command breaks the connection.
+    /// A core to which connecting takes longer than orders may wait. The second command breaks the
+    /// connection.
     #[derive(Default)]
     struct SlowToOpen {
         is_open: bool,

@@ -1,16 +1,16 @@
-//! How many frames are on their way to a page. The kernel takes megabytes for a link that stands still, and
-//! delivers them afterwards: old figures that look live. A page replies to what it receives (`alive`, twice a
-//! second), so one that has not replied for a while gets few.
+//! Limits the number of frames on their way to a page. The kernel buffers megabytes for a stalled link and
+//! delivers them afterwards: old figures that look live. A page replies to what it receives (`alive`, twice
+//! per second), so one that has not replied for a while receives few frames.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// A page that has not replied for this time receives few frames: it replies every 0.5 s.
+/// A page that has not replied for this time receives few frames. It normally replies every 0.5 s.
 const REPLY: Duration = Duration::from_millis(1200);
-/// Interval of those frames. Without any it would have nothing to reply to.
+/// Interval of those frames. Without any, the page would have nothing to reply to.
 const FEW: Duration = Duration::from_millis(500);
 
-/// The pace of one connection, which its reader and its writer share.
+/// The pace of one connection, shared by its reader and writer.
 pub(crate) struct Pace {
     begun: Instant,
     /// ms since `begun`; 0 before the first reply: a client that never replies gets all frames.
@@ -27,7 +27,7 @@ impl Pace {
         }
     }
 
-    /// The page has sent something.
+    /// Notes that the page has sent something.
     pub(crate) fn hear(&self) {
         self.hear_at(self.begun.elapsed());
     }

@@ -1,5 +1,5 @@
-//! The path of a program for pages, in chunks: first as it is programmed, within a second or two of a million
-//! lines, then as it is planned, in as many minutes.
+//! The path of a program for pages, in chunks: first the programmed path, within a second or two for a
+//! million lines, then the planned path, which takes as many minutes.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -25,13 +25,14 @@ use crate::streaming::{BodyWriter, body, streamed};
 const CHUNK: usize = 16_384;
 /// The first chunk is small, so that it is shown at once.
 const FIRST_CHUNK: usize = 64;
-/// A chunk that is not full is sent after this time: a slow plan is drawn as it grows.
+/// A chunk that is not full is sent after this time, so a slow plan is drawn as it grows.
 const CHUNK_TIME: Duration = Duration::from_millis(250);
-/// A planned path with more vertices is not shown to its end: a program may loop for ever.
+/// Maximum number of vertices of the planned path: a program may loop forever.
 const MAX_PLANNED: usize = 8_000_000;
-/// The same for the programmed path, of which a page keeps what the planned path has not replaced.
+/// Maximum number of vertices of the programmed path, of which a page keeps what the planned path has not
+/// replaced.
 const MAX_PROGRAMMED: usize = 4_000_000;
-/// Commands between two looks at whether somebody still receives: they may draw nothing.
+/// Number of commands between two checks that the page still receives, since commands may draw nothing.
 const LOOK_COMMANDS: u32 = 4096;
 /// Time between two vertices of the planned path, ns.
 const VERTEX_NS: u64 = 8_000_000;
@@ -71,7 +72,7 @@ pub(crate) async fn path(
     streamed("application/octet-stream", pieces)
 }
 
-/// Sends the planned path when it is its turn.
+/// Sends the planned path when it gets a turn.
 async fn plan(
     server: Arc<Server>,
     role: Role,
@@ -85,7 +86,7 @@ async fn plan(
         turn = server.planners.take(role) => turn,
         () = writer.closed() => return,
     };
-    // A body that is dropped tells its page that it is cut short.
+    // A dropped body reports to its page that it is incomplete.
     let _started = background("screen-plan", move || {
         work_for_minutes();
         let planned_s = send_planned(file, setup, ChunkWriter::new(PathKind::Planned, writer, CHUNK));
@@ -101,7 +102,7 @@ struct ChunkWriter {
     kind: PathKind,
     body: BodyWriter,
     chunk: PathChunk,
-    /// Vertices of the present chunk, at most.
+    /// Maximum number of vertices of the present chunk.
     full: usize,
     sent_at: Instant,
     sent: usize,
@@ -124,7 +125,8 @@ impl ChunkWriter {
         self.chunk.len() >= self.full || (self.full == CHUNK && self.sent_at.elapsed() >= CHUNK_TIME)
     }
 
-    /// Sends what is here; `replaced`: see [`PathChunk::take_bytes`]. False where nobody receives.
+    /// Sends the chunk; `replaced`: see [`PathChunk::take_bytes`]. Returns `false` if the page no longer
+    /// receives.
     fn send(&mut self, replaced: u32) -> bool {
         self.sent += self.chunk.len();
         self.full = CHUNK;
@@ -136,9 +138,9 @@ impl ChunkWriter {
     }
 }
 
-/// Sends the programmed path; false where nobody receives.
+/// Sends the programmed path; returns `false` if the page no longer receives.
 fn send_programmed(file: &Path, setup: &Setup, writer: &mut ChunkWriter) -> bool {
-    // A program that cannot be opened is the run's to complain of.
+    // The run reports a program that cannot be opened.
     let Ok(mut path) = ProgrammedPath::open(file, setup) else {
         return true;
     };
@@ -169,14 +171,14 @@ impl RunObserver for Quiet {
     fn note(&mut self, _text: &str) {}
 }
 
-/// Plans a program and sends its path until nobody receives. Returns the planned time, s, if it reached the
+/// Plans a program and sends its path while the page receives. Returns the planned time, s, if it reached the
 /// end.
 fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter) -> Option<f64> {
     let every = (VERTEX_NS / setup.period_ns.max(1)).max(1);
     let job = Job::new(file, setup);
     let controls = Arc::new(Controls::new(1.0));
     let classifier = LimitClassifier::new(&job.setup.machine, job.setup.period_ns as f64 * 1e-9);
-    // A program that cannot be opened is the run's to complain of.
+    // The run reports a program that cannot be opened.
     let mut feeds = FeedWords::open(&job.program, &job.setup).ok();
     let mut programmed = ProgrammedPath::open(&job.program, &job.setup).ok();
     let mut replaced = move |block| {
@@ -212,7 +214,7 @@ fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter) -> Option<
     let is_whole = outcome
         .as_ref()
         .is_ok_and(|outcome| outcome.program.is_ok() && outcome.fault.is_none() && !controls.is_stopping());
-    // What comes after the last move belongs to no block.
+    // Vertices after the last move belong to no block.
     let at_end = if is_whole { u32::MAX } else { replaced(block) };
     if is_received && writer.send(at_end) {
         writer.body.finish();

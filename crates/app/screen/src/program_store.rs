@@ -1,13 +1,13 @@
-//! The files of uploaded programs. Each upload has a folder of its own, so that the text of a loaded program
-//! never changes: `programs/.UPLOAD/NAME`, where UPLOAD is its number. Beside it are links to the other
-//! programs, because subroutines are looked for in the program's folder. `programs/NAME` is the newest that
-//! the core has loaded under the name.
+//! The files of uploaded programs. Each upload has its own folder, so that the text of a loaded program never
+//! changes: `programs/.UPLOAD/NAME`, where UPLOAD is its number. The folder also contains links to the other
+//! programs, because subroutines are searched in the program's folder. `programs/NAME` is the newest program
+//! of that name that the core has loaded.
 
 use std::io;
 use std::os::unix::fs::{MetadataExt, symlink};
 use std::path::{Path, PathBuf};
 
-/// Begin of the names of files that are being received or replaced.
+/// Prefix of the names of files that are being received or replaced.
 const PART: &str = ".upload-";
 
 /// Folder of uploaded programs.
@@ -45,12 +45,12 @@ impl ProgramStore {
         self.folder.join(name)
     }
 
-    // No program's name begins with a point.
+    // Names of programs never begin with a dot.
     fn of_upload(&self, upload: u64) -> PathBuf {
         self.folder.join(format!(".{upload}"))
     }
 
-    /// A file to receive an upload into.
+    /// The file that receives an upload.
     pub(crate) fn part(&self, upload: u64) -> PathBuf {
         self.folder.join(format!("{PART}{upload}"))
     }
@@ -76,7 +76,7 @@ impl ProgramStore {
         Ok(uploads)
     }
 
-    /// Moves what was received to its file, which it returns.
+    /// Moves a received upload to its file, whose path it returns.
     pub(crate) fn put(&self, upload: u64, name: &str) -> io::Result<PathBuf> {
         let file = self.file(upload, name);
         let own = self.of_upload(upload);
@@ -93,10 +93,10 @@ impl ProgramStore {
         Ok(file)
     }
 
-    /// The core has loaded an upload: programs find it under its name, and uploads but the one before are
-    /// removed.
+    /// Publishes an upload that the core has loaded: programs find it under its name. Uploads other than it
+    /// and the one before are removed.
     pub(crate) fn accept(&self, upload: u64, name: &str) -> io::Result<()> {
-        // In one step, so that there is always one of the name.
+        // Atomically, so that there is always a file of this name.
         let part = self.part(upload);
         std::fs::hard_link(self.file(upload, name), &part)?;
         std::fs::rename(&part, self.newest(name))?;
@@ -104,7 +104,7 @@ impl ProgramStore {
         self.keep(&[Some(upload), before])
     }
 
-    /// Removes all uploads but these.
+    /// Removes all uploads except these.
     pub(crate) fn keep(&self, uploads: &[Option<u64>]) -> io::Result<()> {
         for other in self.uploads()? {
             if !uploads.contains(&Some(other)) {
@@ -119,7 +119,7 @@ impl ProgramStore {
         std::fs::remove_dir_all(self.of_upload(upload))
     }
 
-    /// Bytes of all stored programs.
+    /// Size of all stored programs, bytes.
     pub(crate) fn stored(&self) -> io::Result<u64> {
         let mut folders = vec![self.folder.clone()];
         folders.extend(self.uploads()?.into_iter().map(|upload| self.of_upload(upload)));
@@ -196,7 +196,7 @@ mod tests {
         kept.sort_unstable();
         assert_eq!(kept, [39, 40]);
         assert_eq!(store.stored().unwrap(), 2000);
-        // Numbers go on after a restart, and remains are gone.
+        // Numbers continue after a restart, and remains are removed.
         std::fs::write(store.part(41), "half").unwrap();
         let again = ProgramStore::open(folder.path()).unwrap();
         assert_eq!(again.last_upload().unwrap(), 40);

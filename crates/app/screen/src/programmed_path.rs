@@ -8,12 +8,12 @@ use evolvent_gcode::{Action, MoveKind};
 use evolvent_path::{Axes, Curve};
 use evolvent_runtime::{Commands, ProgramError, Setup};
 
-/// Maximum distance between a curve and its polyline, mm. At the resolution of a screen that shows 1 m it is
-/// invisible.
+/// Maximum distance between a curve and its polyline, mm. It is invisible at the resolution of a screen that
+/// shows 1 m.
 const CHORD_MM: f64 = 0.02;
 /// Maximum number of chords of a curve: the curvature of an involute has no bound at its base circle.
 const MAX_CHORDS: f64 = 512.0;
-/// Commands without a farther line after which a program counts as endless, as for `evolvent check`.
+/// Number of commands without a later line after which a program counts as endless, as in `evolvent check`.
 const MAX_ROUND: u32 = 1_000_000;
 
 /// The end of a chord.
@@ -30,14 +30,14 @@ pub(crate) struct ProgrammedVertex {
 pub(crate) struct ProgrammedPath {
     commands: Peekable<Commands>,
     max_feed_mm_s: f64,
-    /// Maximum velocity of every axis; infinite where the machine has none.
+    /// Maximum velocity of every axis; infinite for axes that the machine does not have.
     max_velocity: [f64; 9],
     end: Option<Axes>,
     /// Moves interpreted so far, which is the number of the next block.
     moves: u32,
     vertices: u32,
     farthest_line: u32,
-    /// Commands since a farther line was reached.
+    /// Number of commands since a later line was reached.
     round: u32,
     is_over: bool,
 }

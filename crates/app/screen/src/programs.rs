@@ -1,4 +1,4 @@
-//! Uploaded programs: their names, their check; threads of low priority.
+//! Uploaded programs: valid names, checks, and threads of low priority.
 
 use std::path::Path;
 
@@ -13,13 +13,13 @@ const ERRORS: usize = 50;
 /// Maximum length of a program name, bytes: it fits into the status.
 const MAX_NAME: usize = 100;
 
-/// Whether a page may use it as the name of a file.
+/// Whether a page may use this as a file name.
 pub(crate) fn is_good_name(name: &str) -> bool {
     let good = |letter: char| letter.is_alphanumeric() || "._- +()".contains(letter);
     !name.is_empty() && name.len() <= MAX_NAME && !name.starts_with('.') && name.chars().all(good)
 }
 
-/// Checks a program, as `evolvent check` does.
+/// Checks a program like `evolvent check`.
 pub(crate) fn checked(
     file: &Path,
     info: &ProgramInfo,
@@ -96,7 +96,7 @@ fn unreadable(cause: &std::io::Error) -> Finding {
 
 /// Niceness of computations that a page waits for: machine control has priority.
 const NICE: i32 = 10;
-/// Niceness of computations of minutes: browsers on the same computer have priority, too.
+/// Niceness of computations that take minutes: browsers on the same computer have priority, too.
 const NICE_FOR_MINUTES: i32 = 19;
 
 /// Runs a function in a separate thread that yields the processor to others.
@@ -108,12 +108,12 @@ pub(crate) fn background(name: &str, work: impl FnOnce() + Send + 'static) -> st
     Ok(())
 }
 
-/// The present thread and those that it starts from now on work for minutes.
+/// Lowers the priority of the present thread, and of threads that it starts from now on, for work of minutes.
 pub(crate) fn work_for_minutes() {
     set_niceness(NICE_FOR_MINUTES);
 }
 
 fn set_niceness(nice: i32) {
-    // On Linux the priority is a thread's own, and its children's.
+    // On Linux the niceness belongs to a thread and is inherited by its children.
     let _kept = rustix::process::setpriority_process(Some(rustix::thread::gettid()), nice);
 }

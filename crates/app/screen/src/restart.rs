@@ -1,4 +1,4 @@
-//! How a program would begin in the middle, told before anything moves.
+//! The start in the middle of a program, computed before anything moves.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -20,17 +20,17 @@ use crate::messages::RestartInfo;
 use crate::programs::background;
 use crate::server::{Server, upload_of};
 
-/// Bit of `switches` in the status: lines that begin with `/` are left out.
+/// Bit of `switches` in the status: lines that begin with `/` are skipped.
 const BLOCK_DELETE: u32 = 4;
-/// Maximum time to interpret the lines before: 50 MB take a second on a slow computer, and nobody waits for
-/// minutes.
+/// Maximum time for interpreting the preceding lines: a slow computer takes a second for 50 MB, and a user
+/// does not wait for minutes.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Maximum wait for the line that was asked for before: a page that asks for another one has given it up.
+/// Maximum wait for an earlier request: a page that requests another line has given the earlier one up.
 const TURN: Duration = Duration::from_secs(2);
-/// Maximum memory for loops and subroutines before the line, bytes: a quarter of what a run may use.
+/// Maximum memory for loops and subroutines before the line, bytes: a quarter of the limit of a run.
 const MAX_BODY_BYTES: usize = 64 << 20;
 
-/// The modes in force at a line, and the way there from where the machine stands. It is the way that START
+/// The modes in force at a line, and the approach from the present position. It is the approach that START
 /// with this line takes.
 pub(crate) async fn restart(
     State(server): State<Arc<Server>>,
@@ -44,7 +44,7 @@ pub(crate) async fn restart(
     let Some((file, _)) = server.file_of(&name, upload_of(query.as_deref())) else {
         return StatusCode::NOT_FOUND.into_response();
     };
-    // The lines before may be many, and loops among them long: one page at a time.
+    // There may be many lines before it, with long loops, so one page is served at a time.
     let turn = tokio::time::timeout(TURN, Arc::clone(&server.restarts).acquire_owned()).await;
     let Ok(Ok(turn)) = turn else {
         let text = "the way to another line is being worked out; try again when it is there";
@@ -80,7 +80,7 @@ pub(crate) async fn restart(
     }
 }
 
-/// Interrupts the interpreter when it is dropped: a request whose page has gone is dropped while it waits.
+/// Interrupts the interpreter when dropped: the request of a page that has gone is dropped while it waits.
 #[derive(Debug, Default)]
 struct Interrupt(Arc<AtomicBool>);
 
@@ -90,7 +90,7 @@ impl Drop for Interrupt {
     }
 }
 
-/// The set-up of a program that starts now.
+/// The setup of a program that starts now.
 fn setup_at(mut setup: Setup, now: Option<&Status>) -> Setup {
     if let Some(status) = now {
         setup.place = Some(status.position_machine.into());

@@ -94,7 +94,7 @@ fn embedded(name: &str) -> Option<Response> {
         Some("json") => "application/json",
         _ => "application/octet-stream",
     };
-    // Part of the binary: a slow client holds no copy of it.
+    // Part of the binary: a slow client does not occupy a copy of it.
     let bytes = match file.data {
         Cow::Borrowed(bytes) => Bytes::from_static(bytes),
         Cow::Owned(bytes) => bytes.into(),
@@ -158,7 +158,7 @@ async fn text(
 fn read_chunks(mut file: std::fs::File, mut writer: BodyWriter) {
     use std::io::Read;
     let mut buffer = vec![0; 1 << 16];
-    // A file that cannot be read to its end is cut short, and told so.
+    // If the file cannot be read to its end, the body ends with an error.
     while let Ok(count) = file.read(&mut buffer) {
         if count == 0 {
             return writer.finish();

@@ -1,4 +1,4 @@
-//! Spindles, inputs and outputs as they were at each setpoint, for the scope.
+//! Spindles, inputs and outputs at each setpoint, for the scope.
 
 use std::collections::VecDeque;
 
@@ -8,15 +8,15 @@ use evolvent_machine::SignalSettings;
 use crate::sampling::{STALE_NS, push};
 use crate::signal_board::SignalBoard;
 
-/// Values are worked out again after this time where nothing has changed, because old inputs become unknown.
+/// The values are computed again after this time even without changes, because old inputs become unknown.
 const REFRESH_NS: u64 = 1_000_000;
-/// Messages farther ahead of the newest setpoint than this are of another clock: setpoints are sampled up to
-/// a second late.
+/// Messages farther ahead of the newest setpoint than this belong to another clock. Setpoints are sampled up
+/// to a second late.
 const MAX_AHEAD_NS: u64 = 10_000_000_000;
 /// Figures of a spindle: commanded speed, measured speed, angle.
 const SPINDLE_FIGURES: usize = 3;
 
-/// Messages that wait for the setpoints of their time, and the values at the last setpoint.
+/// Messages waiting for the setpoints of their time, and the values at the last setpoint.
 #[derive(Debug)]
 pub(crate) struct SampledSignals {
     board: SignalBoard,
@@ -25,16 +25,16 @@ pub(crate) struct SampledSignals {
     outputs: VecDeque<MachineOutputs>,
     inputs: VecDeque<MachineInputs>,
     feedback: VecDeque<SpindleFeedback>,
-    /// By spindle: when it was measured, speed and angle.
+    /// For each spindle: time of the measurement, speed and angle.
     measured: Vec<(u64, [f64; 2])>,
     values: Vec<f64>,
-    /// Due time for which the values were worked out.
+    /// Due time for which the values were computed.
     computed_ns: Option<u64>,
-    /// Due time of the newest setpoint that was asked for.
+    /// Due time of the newest requested setpoint.
     newest_ns: Option<u64>,
 }
 
-/// Values of each sample: of spindles, inputs and outputs.
+/// Number of values per sample, of spindles, inputs and outputs.
 pub(crate) fn values_of(settings: &SignalSettings) -> usize {
     SPINDLE_FIGURES * settings.spindles.len() + settings.inputs.len() + settings.outputs.len()
 }
@@ -56,7 +56,7 @@ impl SampledSignals {
         }
     }
 
-    /// Values of each sample.
+    /// Number of values per sample.
     pub(crate) fn len(&self) -> usize {
         self.values.len()
     }
@@ -77,17 +77,17 @@ impl SampledSignals {
         }
     }
 
-    /// Whether a time of a bridge is one that setpoints reach soon: a message from the far future would stand
-    /// before all others.
+    /// Whether setpoints will soon reach a time of a bridge. A message from the far future would block all
+    /// others.
     fn may_come_due(&self, time_ns: u64) -> bool {
         self.newest_ns
             .is_none_or(|newest| time_ns <= newest.saturating_add(MAX_AHEAD_NS))
     }
 
-    /// The values with a setpoint; later ones follow with later setpoints.
+    /// The values with a setpoint. Sequence and due time must not decrease.
     pub(crate) fn at(&mut self, sequence: u64, due_time_ns: u64) -> &[f64] {
         if self.newest_ns.is_none() {
-            // What came before the first setpoint could not be judged then.
+            // Messages before the first setpoint could not be checked at that time.
             self.inputs
                 .retain(|message| message.time_ns <= due_time_ns.saturating_add(MAX_AHEAD_NS));
             self.feedback
@@ -134,7 +134,7 @@ impl SampledSignals {
     }
 }
 
-/// The oldest message, if its time has come.
+/// The oldest message, if it is due.
 fn pop_due<T>(waiting: &mut VecDeque<T>, is_due: impl Fn(&T) -> bool) -> Option<T> {
     if waiting.front().is_some_and(is_due) {
         waiting.pop_front()
@@ -228,7 +228,7 @@ mod tests {
         assert_eq!(told(4), [-800.0, 790.0, 90.0, 0.0, 1.0]);
         assert_eq!(told(5), [-800.0, 790.0, 90.0, 1.0, 1.0]);
         assert_eq!(told(6), [-800.0, 790.0, 270.0, 1.0, 1.0]);
-        // What is not told any more is unknown; outputs stay as they were commanded.
+        // Signals that are no longer reported are unknown; outputs keep their command.
         assert_eq!(told(200), [-800.0, -1.0, -1.0, -1.0, 1.0]);
     }
 }

@@ -1,4 +1,4 @@
-//! Setpoints for the scope, each with what drives and sensors answered to it.
+//! Setpoints for the scope, each with the answers of drives and sensors.
 
 use std::collections::VecDeque;
 
@@ -9,20 +9,20 @@ use evolvent_wire::AXES;
 use crate::messages::{SAMPLE_BYTES, SampleAnswer, put_sample};
 use crate::sampled_signals::SampledSignals;
 
-/// A setpoint whose answer does not come waits as long for it.
+/// Maximum time that a setpoint waits for its answer, ns.
 const PATIENCE_NS: u64 = 60_000_000;
-/// An answer, or a load, tells nothing of setpoints that are so much later.
+/// An answer or a load is not used for setpoints later than this, ns.
 pub(crate) const STALE_NS: u64 = 100_000_000;
-/// Setpoints, answers and loads that wait at most; of more the oldest are left out.
+/// Maximum number of waiting setpoints, answers and loads; beyond it the oldest are dropped.
 const MAX_WAITING: usize = 4096;
 
-/// Brings setpoints, feedback and loads together.
+/// Combines setpoints, feedback and loads.
 #[derive(Debug)]
 pub(crate) struct Sampler {
     setpoints: VecDeque<Setpoint>,
     answers: VecDeque<Feedback>,
     loads: VecDeque<(u64, f64)>,
-    /// Following errors and velocities that were told last, and due time of the setpoint that they answer.
+    /// The last following errors and velocities, and the due time of the setpoint that they belong to.
     errors: [(u64, f64); AXES],
     velocities: [(u64, f64); AXES],
     load: (u64, f64),
@@ -44,7 +44,7 @@ impl Sampler {
         }
     }
 
-    /// Bytes of each sample.
+    /// Size of a sample, bytes.
     pub(crate) fn sample_bytes(&self) -> usize {
         SAMPLE_BYTES + 4 * self.signals.len()
     }
@@ -63,7 +63,7 @@ impl Sampler {
     }
 
     pub(crate) fn feedback(&mut self, feedback: Feedback) {
-        // An answer to a setpoint that nobody has sent would stand before all others for ever.
+        // An answer to a setpoint that was never sent would block all others forever.
         let newest = self.setpoints.back().map_or(u64::MAX, |newest| newest.sequence);
         if feedback.sequence <= newest {
             push(&mut self.answers, feedback);
@@ -76,7 +76,7 @@ impl Sampler {
         }
     }
 
-    /// The samples that are complete, in binary.
+    /// The complete samples, in binary.
     pub(crate) fn take(&mut self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(self.setpoints.len() * self.sample_bytes());
         let newest_ns = self.setpoints.back().map_or(0, |newest| newest.due_time_ns);
@@ -109,7 +109,7 @@ impl Sampler {
         bytes
     }
 
-    /// Takes in what was told up to a setpoint.
+    /// Takes in the answers up to a setpoint.
     fn answer(&mut self, setpoint: &Setpoint) {
         while self
             .answers
@@ -168,7 +168,7 @@ mod tests {
         Sampler::new(&signals)
     }
 
-    /// Time, following errors of the first two axes, load; the measured velocity is the negative following
+    /// Time, following errors of the first two axes, load. The measured velocity is the negative following
     /// error.
     fn read(bytes: &[u8]) -> Vec<(f64, f32, f32, f32)> {
         let float = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());

@@ -37,7 +37,7 @@ const FAREWELL: Duration = Duration::from_millis(150);
 /// Poll interval of the end.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// A running screen. It ends when it is dropped.
+/// A running screen. It ends when dropped.
 #[derive(Debug)]
 pub struct Screen {
     address: String,
@@ -49,12 +49,12 @@ pub struct Screen {
 }
 
 impl Screen {
-    /// Listens, and starts the threads, which wait for the core. They inherit the priority of the caller:
-    /// call it before the caller becomes a real-time thread.
+    /// Starts to listen, and starts the threads, which wait for the core. They inherit the priority of the
+    /// caller: call it before the caller becomes a real-time thread.
     ///
     /// # Errors
-    /// The address is taken or not this computer's; a certificate that cannot be used; no folder for
-    /// programs, no threads.
+    /// The address is in use or does not belong to this computer, a certificate cannot be used, or there is
+    /// no folder for programs or no thread.
     pub fn start(config: ScreenConfig) -> Result<Self, ScreenError> {
         let listening = |source| ScreenError::Listen {
             address: config.address,
@@ -181,19 +181,19 @@ impl Screen {
         })
     }
 
-    /// The address to open in a browser. It permits operating the machine, except if a run is watched.
+    /// The address to open in a browser. It permits operating the machine, except for the screen of a run.
     #[must_use]
     pub fn address(&self) -> &str {
         &self.address
     }
 
-    /// The address that only permits watching; none if no page may operate.
+    /// The address that only permits watching; `None` if no page may operate.
     #[must_use]
     pub fn watch_address(&self) -> Option<&str> {
         self.watch_address.as_deref()
     }
 
-    /// SHA-256 of the certificate, as browsers show it; none if connections are not encrypted.
+    /// SHA-256 of the certificate, as browsers show it; `None` if connections are not encrypted.
     #[must_use]
     pub fn fingerprint(&self) -> Option<&str> {
         self.fingerprint.as_deref()
@@ -203,7 +203,7 @@ impl Screen {
     #[must_use]
     pub fn code(&self) -> Option<String> {
         let code = QrCode::new(&self.address).ok().filter(|_| self.is_remote)?;
-        // Terminals are usually dark: the light parts of the code are drawn.
+        // Terminals are usually dark, so the light parts of the code are drawn.
         let mut image = code.render::<Dense1x2>();
         let image = image.dark_color(Dense1x2::Light).light_color(Dense1x2::Dark);
         Some(image.build())
@@ -244,7 +244,7 @@ async fn serve(
         while !stop.load(Ordering::Relaxed) {
             tokio::time::sleep(LOOK).await;
         }
-        // Pages tell an end from a lost connection.
+        // With this message, pages can distinguish the end from a lost connection.
         hub.tell_end(what);
         tokio::time::sleep(FAREWELL).await;
     };

@@ -1,4 +1,4 @@
-//! Data that all requests share.
+//! Data shared by all requests.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,10 +14,10 @@ use crate::program_store::ProgramStore;
 use crate::programs::is_good_name;
 use crate::turns::Turns;
 
-/// Texts of programs that are sent at the same time, each by a thread.
+/// Maximum number of program texts sent at the same time, each by a thread.
 pub(crate) const MAX_TEXTS: usize = 16;
 
-/// Programmed paths that are sent at the same time, each by a thread.
+/// Maximum number of programmed paths sent at the same time, each by a thread.
 pub(crate) const MAX_PROGRAMMED: usize = 4;
 
 /// Data of every request.
@@ -25,31 +25,31 @@ pub(crate) struct Server {
     pub(crate) hub: Arc<Hub>,
     pub(crate) dispatch: Dispatch,
     pub(crate) setup: Setup,
-    /// Uploaded programs; none if pages only watch.
+    /// Uploaded programs; `None` if pages only watch.
     pub(crate) programs: Option<ProgramStore>,
-    /// The service's state; none if a run is watched.
+    /// The service's state folder; `None` for the screen of a run.
     pub(crate) state_folder: Option<PathBuf>,
-    /// Recorded runs that pages may look into.
+    /// Recorded runs that pages may read.
     pub(crate) traces: TraceTo,
     /// The only program of a run.
     pub(crate) run: Option<PathBuf>,
     /// Checks one program after another.
     pub(crate) checkers: Arc<Semaphore>,
-    /// Plans one program after another, beside a check: its picture must not wait for that.
+    /// Plans one program at a time, in parallel with a check, for which its path must not wait.
     pub(crate) planners: Turns,
-    /// Programmed paths that are sent at the same time: a page shows one within a second or two, whoever
-    /// waits for a plan.
+    /// Programmed paths sent at the same time: a page shows one within a second or two even if another waits
+    /// for a plan.
     pub(crate) programmed: Turns,
     /// Texts of programs that are sent at the same time.
     pub(crate) texts: Turns,
     pub(crate) chatter: ChatterCase,
-    /// Calculates one approach after another.
+    /// Computes one approach at a time.
     pub(crate) restarts: Arc<Semaphore>,
-    /// File of macros, and whether it must exist; none if pages only watch.
+    /// File of macros, and whether it must exist; `None` if pages only watch.
     pub(crate) macros: Option<(PathBuf, bool)>,
-    /// Reads one trace after another for pages that operate, and one for those that watch.
+    /// Reads one trace at a time for pages that operate, and one for those that watch.
     pub(crate) readers: Turns,
-    /// Bytes of disk that copies of open traces may still take.
+    /// Disk space that copies of open traces occupy, bytes.
     pub(crate) copies: AtomicU64,
     /// Receives one upload after another.
     pub(crate) receiving: Semaphore,
@@ -61,13 +61,13 @@ pub(crate) struct Server {
 }
 
 impl Server {
-    /// The file of a program that pages may read, and the number of its text. `upload`: only the text of that
-    /// number.
+    /// The file of a program that pages may read, and the number of its text. With `upload`, only the text of
+    /// that number.
     pub(crate) fn file_of(&self, name: &str, upload: Option<u64>) -> Option<(PathBuf, u64)> {
         if let Some(run) = &self.run {
             return (name_of(run) == name).then(|| (run.clone(), 0));
         }
-        // What pages are shown, also where the core has rejected it, or where it is no upload.
+        // The program that pages show, even if the core has rejected it or it is not an upload.
         let shown = self.hub.shown_program().0.filter(|shown| shown.name == name);
         if let Some(shown) = shown.filter(|shown| upload.is_none_or(|upload| upload == shown.upload)) {
             return shown.problem.is_none().then(|| (shown.file.into(), shown.upload));
@@ -81,7 +81,7 @@ impl Server {
     }
 }
 
-/// The number of a text that a request is about: all of its query.
+/// The number of a text in a request, which is the complete query.
 pub(crate) fn upload_of(query: Option<&str>) -> Option<u64> {
     query?.parse().ok()
 }

@@ -5,7 +5,7 @@ use evolvent_machine::{SignalKind, SignalSettings};
 
 use crate::messages::SignalValues;
 
-/// Maximum number of bridges whose inputs are kept; of more the one that was heard first is dropped.
+/// Maximum number of bridges whose inputs are kept; beyond it the oldest one is dropped.
 const MAX_BRIDGES: usize = 16;
 /// Number of the direction of a stopped spindle.
 const STOPPED: u32 = SPINDLE_DIRECTIONS[0].1;
@@ -46,7 +46,7 @@ impl SignalBoard {
         self.bridges.push(message);
     }
 
-    /// The values at a time of CLOCK_MONOTONIC. Inputs older than the input timeout are unknown, as to the
+    /// The values at a time of CLOCK_MONOTONIC. Inputs older than the input timeout are unknown, as in the
     /// core.
     pub(crate) fn values(&self, now_ns: u64) -> SignalValues {
         let timeout_s = self.settings.input_timeout_s;

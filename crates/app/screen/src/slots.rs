@@ -1,4 +1,4 @@
-//! Slots for connections: a limited number in all, and fewer per client.
+//! Slots for connections: a limited number in total, and fewer per client.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
@@ -17,7 +17,7 @@ pub(crate) struct Slots {
     per_client: usize,
 }
 
-/// What counts as one client, of a request.
+/// The client of a request.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Client(pub(crate) IpAddr);
 
@@ -43,7 +43,7 @@ impl Slots {
         Arc::clone(&self.free).acquire_owned().await.ok()
     }
 
-    /// Assigns a slot to a client; none if it holds its maximum.
+    /// Assigns a slot to a client; `None` if it has its maximum.
     pub(crate) fn take(&self, permit: OwnedSemaphorePermit, address: IpAddr) -> Option<Slot> {
         let client = client_of(address);
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
@@ -78,7 +78,7 @@ impl Drop for Slot {
     }
 }
 
-/// What counts as one client: an IPv4 address, or an IPv6 /64 network, in which a host selects its own
+/// The identity of a client: an IPv4 address, or an IPv6 /64 network, in which a host selects its own
 /// addresses.
 fn client_of(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
@@ -103,8 +103,8 @@ mod tests {
         slots.take(permit, address(text))
     }
 
-    /// One client takes all slots it gets, with many addresses of its network: others still get slots, and it
-    /// gets new ones for those it returns.
+    /// One client takes all slots that it can get, with many addresses of its network: others still get
+    /// slots, and it gets new ones for those that it returns.
     #[test]
     fn one_client_leaves_slots_for_others() {
         let slots = Slots::new(8);

@@ -1,6 +1,6 @@
-//! Bodies that a thread makes while a client takes them. A client that takes too slowly ends its body, which
-//! it then sees as cut short: it holds neither the thread nor memory for longer than [`PATIENCE`] and the
-//! time that its bytes take at [`MIN_RATE`].
+//! Response bodies that a thread produces while a client receives them. If the client is too slow, its body
+//! ends with an error, so it occupies thread and memory for at most [`PATIENCE`] plus the time that its bytes
+//! take at [`MIN_RATE`].
 
 use std::io;
 use std::sync::Arc;
@@ -13,20 +13,20 @@ use axum::response::{IntoResponse, Response};
 use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TrySendError;
 
-/// How long a body may wait for its client, in all.
+/// Total time that a body may wait for its client.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// Bytes per second that a client takes at least: each byte gives its body so much more time. A slow wireless
-/// network has it.
+/// Minimum rate of a client, bytes per second: each byte adds its time at this rate to the patience. A slow
+/// wireless network reaches it.
 const MIN_RATE: f64 = (1 << 20) as f64;
-/// How often a full channel is looked at.
+/// Poll interval of a full channel.
 const LOOK: Duration = Duration::from_millis(4);
-/// Bytes of a text that are handed over at once.
+/// Size of the pieces of a text, bytes.
 const PIECE: usize = 64 << 10;
-/// Pieces that wait for a client.
+/// Maximum number of pieces waiting for a client.
 const WAITING: usize = 4;
 
-/// A body that a thread makes. What is dropped before [`finish`](Self::finish) ends with an error: a client
-/// never takes a part for the whole.
+/// A body produced by a thread. If it is dropped before [`finish`](Self::finish), it ends with an error, so a
+/// client never mistakes a part for the whole.
 #[derive(Debug)]
 pub(crate) struct BodyWriter {
     pieces: mpsc::Sender<Bytes>,
@@ -34,7 +34,7 @@ pub(crate) struct BodyWriter {
     patience: Duration,
 }
 
-/// What a client takes of a [`BodyWriter`].
+/// The client's end of a [`BodyWriter`].
 #[derive(Debug)]
 pub(crate) struct BodyPieces {
     pieces: mpsc::Receiver<Bytes>,
@@ -58,7 +58,7 @@ pub(crate) fn body() -> (BodyWriter, BodyPieces) {
 }
 
 impl BodyWriter {
-    /// Hands a piece over; false where nobody takes it any more.
+    /// Passes a piece on; returns `false` if the client no longer receives.
     pub(crate) fn hand_over(&mut self, mut piece: Bytes) -> bool {
         let gained = Duration::from_secs_f64(piece.len() as f64 / MIN_RATE);
         let begun = Instant::now();
@@ -71,12 +71,12 @@ impl BodyWriter {
             }
             std::thread::sleep(LOOK);
         }
-        // Patience is not saved up: who was fast for long may not stand still for long.
+        // Patience is limited: a client that was fast for long must not pause for long.
         self.patience = (self.patience.saturating_sub(begun.elapsed()) + gained).min(PATIENCE);
         true
     }
 
-    /// Hands a whole text over, piece by piece.
+    /// Passes a whole text on, piece by piece.
     pub(crate) fn hand_over_text(mut self, text: String) {
         let mut rest = Bytes::from(text);
         while !rest.is_empty() {
@@ -88,29 +88,29 @@ impl BodyWriter {
         self.finish();
     }
 
-    /// Whether nobody takes it any more.
+    /// Whether the client no longer receives.
     pub(crate) fn is_closed(&self) -> bool {
         self.pieces.is_closed()
     }
 
-    /// Waits until nobody takes it any more.
+    /// Waits until the client no longer receives.
     pub(crate) async fn closed(&self) {
         self.pieces.closed().await;
     }
 
-    /// Ends the body: this was all of it.
+    /// Ends the body successfully.
     pub(crate) fn finish(self) {
         self.is_whole.store(true, Ordering::Release);
     }
 }
 
 impl BodyPieces {
-    /// The next piece; an error at the end of a body that is not whole.
+    /// The next piece; an error at the end of an incomplete body.
     async fn next(&mut self) -> Option<io::Result<Bytes>> {
         if let Some(piece) = self.pieces.recv().await {
             return Some(Ok(piece));
         }
-        // After one error there is no more.
+        // The stream ends after one error.
         let is_whole = self.is_whole.swap(true, Ordering::Acquire);
         (!is_whole).then(|| {
             Err(io::Error::new(

@@ -21,22 +21,23 @@ use tokio_rustls::rustls::{ServerConfig, SupportedCipherSuite};
 use crate::config::{ScreenConfig, ScreenError};
 
 const DAY_S: i64 = 86_400;
-/// Days from the beginning of a generated certificate to its end. Browsers reject more than 398 days
-/// (CA/Browser Forum, Baseline Requirements 6.3.2, before March 2026); both ends count.
+/// Validity of a generated certificate, days. Browsers reject more than 398 days (CA/Browser Forum, Baseline
+/// Requirements 6.3.2, before March 2026); the first and last day count.
 const VALID_DAYS: i64 = 396;
-/// A generated certificate begins so long before it is made: clocks of other computers differ.
+/// Days by which the validity begins before the certificate is generated, because clocks of other computers
+/// differ.
 const BEFORE_DAYS: i64 = 1;
-/// With fewer days left a start generates another one.
+/// A start with fewer days left generates another certificate.
 const LEFT_DAYS: i64 = 30;
 
-/// How connections are encrypted.
+/// The encryption of connections.
 pub(crate) struct Encryption {
     pub(crate) acceptor: TlsAcceptor,
-    /// SHA-256 of the certificate, as browsers show it: for the operator to compare.
+    /// SHA-256 of the certificate, as browsers show it, for the operator to compare.
     pub(crate) fingerprint: String,
 }
 
-/// The given certificate, or beyond loopback the generated one.
+/// The given certificate or, unless the address is loopback, the generated one.
 pub(crate) fn encryption(
     config: &ScreenConfig,
     state_folder: Option<&Path>,
@@ -93,8 +94,8 @@ fn fingerprint(certificate: &CertificateDer<'_>) -> String {
     digits.join(":")
 }
 
-/// The generated certificate, created once, so that a browser has to accept it only once; created again for
-/// other names and before it ends.
+/// The generated certificate. It is kept so that a browser has to accept it only once, and generated again
+/// for other names and before it expires.
 fn own_certificate(
     folder: &Path,
     machine: &str,
@@ -123,7 +124,7 @@ fn own_certificate(
     let pair = KeyPair::generate().map_err(|error| fault(&error))?;
     let made = params.self_signed(&pair).map_err(|error| fault(&error))?;
     fs::create_dir_all(folder)?;
-    // Until all is written nothing is taken for a certificate of these names.
+    // Without this file, an incomplete certificate is not used.
     let _none = fs::remove_file(&made_for);
     write_private(&key, &pair.serialize_pem())?;
     fs::write(&certificate, made.pem())?;
@@ -131,7 +132,7 @@ fn own_certificate(
     Ok((certificate, key))
 }
 
-/// What a generated certificate was made for: its end in seconds since 1970, the machine, the names.
+/// The properties of a generated certificate: its end in seconds since 1970, the machine, the names.
 fn note(end_s: i64, machine: &str, names: &[String]) -> String {
     format!("{end_s}\n{machine}\n{}", names.join("\n"))
 }
@@ -140,12 +141,12 @@ fn is_for(kept: &str, machine: &str, names: &[String], now_s: i64) -> bool {
     let end_s = kept.lines().next().and_then(|line| line.parse().ok());
     end_s.is_some_and(|end_s: i64| {
         let left_s = end_s - now_s;
-        // A clock that was set back has made one that begins in the future.
+        // If the clock was set back, the certificate begins in the future.
         kept == note(end_s, machine, names) && (LEFT_DAYS * DAY_S..=VALID_DAYS * DAY_S).contains(&left_s)
     })
 }
 
-/// A file readable only by its owner, complete or not at all.
+/// Writes a file that only its owner can read, as a whole or not at all.
 fn write_private(file: &Path, text: &str) -> std::io::Result<()> {
     let part = file.with_extension("part");
     let _remains = fs::remove_file(&part);
@@ -174,7 +175,7 @@ mod tests {
         ]
     }
 
-    /// What OpenSSL reads in a certificate; none without it.
+    /// What OpenSSL reads from a certificate; `None` without OpenSSL.
     fn told(certificate: &Path, options: &[&str]) -> Option<String> {
         let mut command = std::process::Command::new("openssl");
         let output = command
@@ -204,7 +205,7 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("TLS Web Server Authentication"), "{text}");
-        // Seconds, so that no calendar is needed here.
+        // In seconds, so that no calendar is needed here.
         let date = |option| {
             let line = told(&certificate, &[option, "-dateopt", "iso_8601"]).unwrap();
             let mut command = std::process::Command::new("date");
@@ -242,7 +243,7 @@ mod tests {
         // The clock was wrong when it was made.
         let ahead = text("lathe", &names(), 1000);
         assert_ne!(text("lathe", &names(), 0), ahead);
-        // One of before, without an end.
+        // A file of an earlier version, without an end.
         fs::write(folder.path().join("made-for"), names().join("\n")).unwrap();
         let before = fs::read_to_string(folder.path().join("certificate.pem")).unwrap();
         assert_ne!(text("lathe", &names(), 0), before);

@@ -1,4 +1,4 @@
-//! Recorded runs for pages: listed here, read by `evolvent-inspect` in a thread of normal priority.
+//! Recorded runs for pages: listed here, and read by `evolvent-inspect` on a thread of low priority.
 
 use std::fs::{File, Metadata};
 use std::io::{Read as _, Write as _};
@@ -21,17 +21,17 @@ use crate::programs::{background, is_good_name};
 use crate::server::Server;
 use crate::streaming::{body, streamed};
 
-/// Traces that are listed at most, the newest first.
+/// Maximum number of traces listed, newest first.
 const MAX_LISTED: usize = 200;
-/// The same of the jobs of a trace.
+/// Maximum number of jobs of a trace listed.
 const MAX_LISTED_JOBS: usize = 500;
-/// A trace that is still being written is read from a copy, if it is not larger.
+/// Maximum size of an open trace, which is read from a copy.
 const MAX_COPY: u64 = 2 << 30;
-/// Requests of a role that wait at most.
+/// Maximum number of waiting requests per role.
 const MAX_WAITING: usize = 16;
-/// Space that copies leave for the recorder, the state and uploads.
+/// Disk space that copies leave free for the recorder, the state and uploads.
 const RESERVE: u64 = 1 << 30;
-/// Copies are made in folders of this beginning.
+/// Prefix of the folders of copies.
 const COPY_PREFIX: &str = ".reading-";
 /// Ending of a trace that is being written.
 const OPEN: &str = ".mcap.part";
@@ -41,14 +41,14 @@ const JSON: &str = "application/json";
 /// Why a trace is not shown.
 type Refusal = (StatusCode, String);
 
-/// Removes what a killed process has left of copies.
+/// Removes copies left by a killed process.
 pub(crate) fn remove_copies(state_folder: &Path) {
     let Ok(entries) = std::fs::read_dir(state_folder) else {
         return;
     };
     for entry in entries.flatten() {
         if entry.file_name().to_string_lossy().starts_with(COPY_PREFIX) {
-            // What cannot be removed is in nobody's way.
+            // A copy that cannot be removed does no harm.
             let _left = std::fs::remove_dir_all(entry.path());
         }
     }
@@ -59,7 +59,7 @@ pub(crate) async fn list(State(server): State<Arc<Server>>, Extension(role): Ext
     read(&server, role, JSON, listed).await
 }
 
-/// The jobs of a trace, programs and blocks of MDI: none for a run of one program.
+/// The jobs of a trace, programs and blocks of MDI; empty for a run of one program.
 pub(crate) async fn jobs(
     State(server): State<Arc<Server>>,
     Extension(role): Extension<Role>,
@@ -122,7 +122,7 @@ pub(crate) async fn comparison(
 ) -> Response {
     let found = move |server: &Server| {
         let first = Readable::open(server, &a)?;
-        // Two jobs of one session: an open trace is copied once.
+        // For two jobs of one session, an open trace is copied once.
         let second = (a != b).then(|| Readable::open(server, &b)).transpose()?;
         let b = second.as_ref().unwrap_or(&first);
         let found = compare_runs(first.run(job_a), b.run(job_b)).map_err(unreadable)?;
@@ -135,8 +135,8 @@ fn unreadable(error: impl std::fmt::Display) -> Refusal {
     (StatusCode::UNPROCESSABLE_ENTITY, error.to_string())
 }
 
-/// Reads something in a thread of its own, one after the other, and sends it from there: of what is large
-/// there is one at a time for each role, however many ask and however slowly they take it.
+/// Reads on a separate thread, one request at a time, and sends the result from there. There is one large
+/// result at a time for each role, however many clients ask and however slowly they receive it.
 async fn read(
     server: &Arc<Server>,
     role: Role,
@@ -158,7 +158,7 @@ async fn read(
                 }
             }
             Err(refusal) => {
-                // Nobody may wait for it any more.
+                // The page may have gone.
                 let _gone = outcome.send(Err(refusal));
             }
         }
@@ -174,7 +174,7 @@ async fn read(
     }
 }
 
-/// The files that may be shown; the newest first.
+/// The files that may be shown, newest first.
 fn files(traces: &TraceTo) -> Vec<(PathBuf, Metadata)> {
     let candidates: Vec<PathBuf> = match traces {
         TraceTo::Nowhere => Vec::new(),
@@ -190,7 +190,7 @@ fn files(traces: &TraceTo) -> Vec<(PathBuf, Metadata)> {
             let name = name_of(file);
             is_good_name(&name) && (name.ends_with(".mcap") || name.ends_with(OPEN))
         })
-        // Not what a link leads to, and no device.
+        // Excludes symbolic links and devices.
         .filter_map(|file| Some((file.clone(), std::fs::symlink_metadata(&file).ok()?)))
         .filter(|(_, facts)| facts.is_file())
         .collect();
@@ -242,26 +242,26 @@ fn listed(traces: &TraceTo) -> Vec<TraceEntry> {
     files(traces).into_iter().take(MAX_LISTED).map(entry).collect()
 }
 
-/// A trace that can be read: the file itself, or the complete copy of one that is being written.
+/// A readable trace: the file itself, or a complete copy of one that is being written.
 struct Readable {
     file: PathBuf,
-    /// Removed when reading is over.
+    /// Removed after reading.
     _copy: Option<tempfile::TempDir>,
 }
 
-/// Disk that a copy may still take, until it is made.
+/// Disk space reserved for a copy until it is made.
 struct Room<'a> {
     taken: &'a AtomicU64,
     bytes: u64,
 }
 
 impl<'a> Room<'a> {
-    /// Room for a copy of `size` bytes and the complete trace that is made of it, where `free` bytes are
+    /// Reserves space for a copy of `size` bytes and the complete trace made from it, if `free` bytes are
     /// left.
     fn take(taken: &'a AtomicU64, size: u64, free: u64) -> Result<Self, Refusal> {
         let bytes = size.saturating_mul(2);
         let before = taken.fetch_add(bytes, Ordering::Relaxed);
-        // From here on it is given back.
+        // Released on drop from here on.
         let room = Self { taken, bytes };
         let needed = bytes.saturating_add(before).saturating_add(RESERVE);
         if free < needed {
@@ -283,7 +283,7 @@ impl Drop for Room<'_> {
     }
 }
 
-/// Bytes that a user may still write to the file system of a folder.
+/// Bytes that a user can still write to the file system of a folder.
 fn free_bytes(folder: &Path) -> std::io::Result<u64> {
     let facts = rustix::fs::statvfs(folder)?;
     Ok(facts.f_bavail.saturating_mul(facts.f_frsize))
@@ -314,7 +314,7 @@ impl Readable {
         }
     }
 
-    /// A complete trace of what is on the disk of an open one. Its recorder is not disturbed.
+    /// A complete trace of the part of an open one that is on disk. Its recorder is not disturbed.
     fn copy(open: &Path, facts: &Metadata, folder: &Path) -> std::io::Result<Self> {
         if facts.len() > MAX_COPY {
             let text = format!(
@@ -386,7 +386,7 @@ mod tests {
         let gib = 1 << 30;
         // 1 GiB twice, and 1 GiB that stays free.
         let first = Room::take(&taken, gib, 3 * gib).ok().unwrap();
-        // Beside it another one needs as much again.
+        // A second copy needs the same again.
         let refused = Room::take(&taken, gib, 5 * gib - 1).err().unwrap();
         assert_eq!(refused.0, StatusCode::INSUFFICIENT_STORAGE);
         assert!(refused.1.contains("5120 MiB needed"), "{}", refused.1);

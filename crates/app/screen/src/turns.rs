@@ -1,4 +1,4 @@
-//! Turns at work that takes long: pages that only watch never hold up those that operate.
+//! Turns for long work: pages that only watch never delay those that operate.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -7,7 +7,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::gate::Role;
 
-/// A number of turns at the same time for pages that operate, and as many for pages that watch.
+/// A number of simultaneous turns for pages that operate, and the same number for pages that watch.
 #[derive(Debug)]
 pub(crate) struct Turns {
     operate: Queue,
@@ -29,7 +29,7 @@ impl Queue {
     }
 }
 
-/// One that waits for its turn, until it has it or gives up.
+/// A request that waits for its turn, until it gets it or gives up.
 struct Waiting<'a>(&'a AtomicUsize);
 
 impl Drop for Waiting<'_> {
@@ -46,12 +46,12 @@ impl Turns {
         }
     }
 
-    /// Waits for a turn; it ends when what is returned is dropped.
+    /// Waits for a turn, which ends when the returned value is dropped.
     pub(crate) async fn take(&self, role: Role) -> Option<OwnedSemaphorePermit> {
         self.take_behind(role, usize::MAX).await
     }
 
-    /// The same, unless `most` of this role wait already.
+    /// Like [`Self::take`], unless `most` requests of this role are already waiting.
     pub(crate) async fn take_behind(&self, role: Role, most: usize) -> Option<OwnedSemaphorePermit> {
         let Queue { turns, waiting } = match role {
             Role::Operate => &self.operate,
@@ -118,7 +118,7 @@ mod tests {
                 turns.take_behind(Role::Operate, 2).await.is_some(),
                 "of the other role none"
             );
-            // Who gives up leaves the queue.
+            // A request that gives up leaves the queue.
             waits[0].abort();
             tokio::task::yield_now().await;
             let third =

@@ -88,8 +88,8 @@ async fn store(
         return Err(too_large());
     }
     let (server, programs, name) = (Arc::clone(server), programs.clone(), name.to_owned());
-    // A request whose page closes its connection is dropped where it stands: between LOAD and what follows
-    // it, the core would have a program of which the store knows nothing.
+    // The request of a page that closes its connection is dropped at any point. Between LOAD and the
+    // following steps, the core would have a program that the store does not know.
     let task = tokio::spawn(async move {
         let Ok(_turn) = server.receiving.try_acquire() else {
             return Err((StatusCode::TOO_MANY_REQUESTS, Refusal::Receiving.into()));
@@ -111,7 +111,7 @@ async fn take(
     let part = programs.part(upload);
     let received = match receive(body, programs, part.clone()).await {
         Ok(_) if !server.hub.is_present(term) => Err((StatusCode::FORBIDDEN, Refusal::NotLoaded.into())),
-        // The file of the loaded program is another one: what is not accepted changes nothing of it.
+        // The file of the loaded program is a different one, so a rejected upload does not change it.
         Ok(bytes) => match programs.put(upload, name) {
             Ok(file) => Ok((bytes, file)),
             Err(error) => Err(failed(&error)),
@@ -119,7 +119,7 @@ async fn take(
         Err(refused) => Err(refused),
     };
     let (bytes, file) = received.inspect_err(|_| {
-        // The received part is useless.
+        // The received part is of no use.
         let _removed = std::fs::remove_file(&part);
     })?;
     let mut request = ControlRequest {
@@ -144,19 +144,19 @@ async fn take(
         }
     };
     server.hub.log_fact(LogKind::Command, alarm, fact, None);
-    // The errors of a program are shown with its lines; START evaluates it again.
+    // The errors of a program are shown with its lines; START checks it again.
     let faults = [Alarm::SoftLimit, Alarm::BadProgram].map(Alarm::number);
     if !answer.accepted && !faults.contains(&answer.alarm) {
         let _removed = programs.remove(upload);
         return Ok(answer);
     }
-    // What cannot be removed or linked is left as it is: the program is there.
+    // If removing or linking fails, the program itself is still there.
     let _kept = if answer.accepted {
         server.loaded_upload.store(upload, Ordering::Relaxed);
         programs.accept(upload, name)
     } else {
         match server.loaded_upload.load(Ordering::Relaxed) {
-            // What the core has loaded is from before this service.
+            // The core's program is from before this service.
             0 => Ok(()),
             loaded => programs.keep(&[Some(upload), Some(loaded)]),
         }
@@ -189,14 +189,14 @@ async fn take(
     })
 }
 
-/// Checks a program when it is its turn.
+/// Checks a program when it gets a turn.
 pub(crate) fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInfo) {
     let server = Arc::clone(server);
     tokio::spawn(async move {
         let Ok(permit) = Arc::clone(&server.checkers).acquire_owned().await else {
             return;
         };
-        // Without a thread the program stays unchecked; START evaluates it.
+        // Without a thread the program stays unchecked; START checks it.
         let _started = background("screen-check", move || {
             let found = checked(&file, &info, &server.setup, server.state_folder.as_deref());
             server.hub.tell_checked(found);
@@ -205,8 +205,8 @@ pub(crate) fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInf
     });
 }
 
-/// Writes a body to a file, in a thread that the disk may block; returns its size. The thread has ended when
-/// this does.
+/// Writes a body to a file and returns its size. The disk may block the writing thread, which has ended when
+/// this returns.
 async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u64, Refused> {
     let most = programs.stored().map_or(MAX_PROGRAM, |stored| {
         MAX_PROGRAM.min(MAX_STORED.saturating_sub(stored))
@@ -220,7 +220,7 @@ async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u
     Ok(bytes)
 }
 
-/// Hands a body to the writer; returns its size, less if the writer has failed.
+/// Passes a body to the writer; returns its size, which is smaller if the writer has failed.
 async fn forward(
     body: Body,
     sender: mpsc::Sender<Bytes>,

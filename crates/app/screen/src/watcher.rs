@@ -1,4 +1,4 @@
-//! The core's state, for pages.
+//! The core's state for pages.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -27,12 +27,12 @@ const FRAME: Duration = Duration::from_micros(16_667);
 const SIGNALS: Duration = Duration::from_millis(100);
 /// A core without a status for this time has ended.
 const SILENCE: Duration = Duration::from_millis(500);
-/// Below this difference a position in work coordinates is that of the machine less its offsets, mm.
+/// Below this difference, a position in work coordinates equals the machine position minus its offsets, mm.
 const ROUNDING_MM: f64 = 1e-6;
 /// Maximum number of samples per frame; beyond it the oldest are dropped.
 const MAX_SAMPLES: usize = 4096;
 
-/// The next picture of the pages.
+/// The next frame of the pages.
 #[derive(Clone, Default)]
 pub(crate) struct Frame {
     pub(crate) status: Utf8Bytes,
@@ -43,7 +43,7 @@ pub(crate) struct Frame {
     pub(crate) present: Option<Arc<Status>>,
 }
 
-/// Starts the thread that reads the bus. It retries if the core does not exist yet.
+/// Starts the thread that reads the bus. It retries while there is no core.
 pub(crate) fn spawn(
     config: ClientConfig,
     signals: SignalSettings,
@@ -59,7 +59,7 @@ pub(crate) fn spawn(
                     Ok(Readers {
                         status: bus.status()?,
                         setpoints: bus.setpoints()?,
-                        // The scope shows what there is.
+                        // The scope shows the channels that exist.
                         feedback: bus.feedback().ok(),
                         loads: bus.loads().ok(),
                         // A machine without signals has no such channels, and opening them would wait for
@@ -88,7 +88,7 @@ pub(crate) fn spawn(
         })
 }
 
-/// What is read.
+/// The subscribed channels.
 struct Readers {
     status: StatusReader,
     setpoints: SetpointReader,
@@ -101,7 +101,8 @@ struct Readers {
 }
 
 impl Readers {
-    /// Everything that is new on the bus; the newest setpoint. An error where the connection breaks.
+    /// Reads everything new on the bus and returns the newest setpoint. Returns an error if the connection
+    /// breaks.
     fn read(&mut self, sampler: &mut Sampler) -> Result<Option<Setpoint>, ReceiveError> {
         let mut newest = None;
         while let Some(setpoint) = self.setpoints.receive()? {
@@ -139,7 +140,7 @@ impl Readers {
     }
 }
 
-/// Until the connection breaks.
+/// Runs until the connection breaks.
 fn watch(mut readers: Readers, mut sampler: Sampler, hub: &Hub, stop: &AtomicBool) {
     let (mut heard, mut last): (Instant, Option<Status>) = (Instant::now(), None);
     let (mut signals, mut signals_at) = (Utf8Bytes::default(), Instant::now());
@@ -190,13 +191,13 @@ fn watch(mut readers: Readers, mut sampler: Sampler, hub: &Hub, stop: &AtomicBoo
     }
 }
 
-/// Brings a status up to the newest setpoint.
+/// Updates a status to the newest setpoint.
 fn follow(shown: &mut Status, setpoint: &Setpoint) {
     let work_of = |status: &Status, axis: usize| {
         status.position_machine[axis] - status.work_offset[axis] - status.tool_offset[axis]
     };
-    // In a rotated system X and Y are not these differences. The rotation is known to the core only: its
-    // figures stay, and are one status old.
+    // In a rotated system X and Y are not these differences. Only the core knows the rotation, so its figures
+    // remain, one status old.
     let is_rotated =
         [0, 1].map(|axis| (shown.position_work[axis] - work_of(shown, axis)).abs() > ROUNDING_MM);
     let first = if is_rotated.contains(&true) { 2 } else { 0 };
@@ -209,8 +210,8 @@ fn follow(shown: &mut Status, setpoint: &Setpoint) {
     shown.flags &= !flags::LATE;
 }
 
-/// Brings what is left of a move to the same moment: the end of the move less the position. With another line
-/// the end is not known here, and without a move nothing is left.
+/// Updates the distance to go to the same moment: the end of the move minus the position. On another line the
+/// end is unknown here; without a move the distance is 0.
 fn shorten(shown: &mut Status, setpoint: &Setpoint) {
     let has_move = shown.distance_to_go.iter().any(|distance| *distance != 0.0);
     if setpoint.line != shown.line || !has_move {
@@ -219,7 +220,7 @@ fn shorten(shown: &mut Status, setpoint: &Setpoint) {
     for axis in AxisLetter::ALL {
         let i = axis.index();
         let moved = setpoint.position[i] - shown.position_machine[i];
-        // The status has angles of a turn.
+        // The status has angles within one turn.
         let turns = if axis.is_rotary() {
             (moved / 360.0).round()
         } else {
@@ -233,7 +234,7 @@ fn shorten(shown: &mut Status, setpoint: &Setpoint) {
 
 fn log_changes(hub: &Hub, before: &Status, now: &Status) {
     let message = now.operator_message();
-    // The core has none at the start of a job: the same text in another job is another message.
+    // The core has no message at the start of a job, so the same text in another job is a new message.
     let is_new = !message.is_empty() && (message != before.operator_message() || now.job != before.job);
     let mut is_logged = false;
     for &number in now.listed_alarms() {
@@ -247,7 +248,7 @@ fn log_changes(hub: &Hub, before: &Status, now: &Status) {
         };
         let cure = alarm.map(|alarm| alarm.sentence().to_owned());
         let is_cause = now.listed_alarms().first() == Some(&number);
-        // The core gives the sentence of a lost reference as its message too, because it stays when the alarm
+        // The core also sends the text of a lost reference as its message, because it remains when the alarm
         // of the lost link is cleared.
         let is_message = is_new && alarm == Some(Alarm::ReferenceLost);
         is_logged |= is_message;
@@ -298,7 +299,7 @@ mod tests {
             ..Status::default()
         };
         (status.position_machine[0], status.distance_to_go[0]) = (15.0, 4.0);
-        // The axis of angles has just passed 0.
+        // The rotary axis has just passed 0.
         (status.position_machine[3], status.distance_to_go[3]) = (359.0, 10.0);
         let mut setpoint = Setpoint {
             line: 7,
@@ -310,7 +311,7 @@ mod tests {
         follow(&mut shown, &setpoint);
         assert_eq!((shown.distance_to_go[0], shown.distance_to_go[3]), (3.0, 8.0));
         assert_eq!(shown.path_to_go_mm, 49.0);
-        // The next line ends elsewhere, and a jog is no move of a program.
+        // The next line has another end, and a jog is not a move of a program.
         let mut next = status;
         follow(&mut next, &Setpoint { line: 8, ..setpoint });
         assert_eq!(next.distance_to_go, status.distance_to_go);
@@ -336,7 +337,7 @@ mod tests {
         let mut plain = status(at(10.0, 20.0, 4.0));
         follow(&mut plain, &setpoint);
         assert_eq!(plain.position_work, at(11.0, 21.0, 5.0));
-        // By 90 degrees: X of the work is Y of the machine.
+        // Rotated by 90 degrees: X of the workpiece is Y of the machine.
         let mut rotated = status(at(20.0, -10.0, 4.0));
         follow(&mut rotated, &setpoint);
         assert_eq!(rotated.position_work, at(20.0, -10.0, 5.0));

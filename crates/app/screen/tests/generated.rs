@@ -1,4 +1,4 @@
-//! The page's TypeScript is what the Rust types say.
+//! The page's TypeScript matches the Rust types.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use evolvent_control::{Alarm, AlarmKind};
 use evolvent_screen::messages::{FromPage, RestartInfo, ToPage, TraceEntry, TraceJob};
 use ts_rs::{Config, TS};
 
-/// `EVOLVENT_WRITE=1` writes them anew.
+/// `EVOLVENT_WRITE=1` regenerates them.
 #[test]
 fn the_generated_types_match() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("page/src/generated");
@@ -39,7 +39,7 @@ fn the_generated_types_match() {
     assert_eq!(made, list(&folder), "run this test with EVOLVENT_WRITE=1");
 }
 
-/// The page has a text for each: a language that lacks one does not compile.
+/// The page has a text for each number; a language without one does not compile.
 fn write_numbers(folder: &Path) {
     for (name, what, is_rejection) in [
         (

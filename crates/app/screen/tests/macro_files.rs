@@ -1,5 +1,4 @@
-//! Files of macros: what ships is read, what is wrong is refused with its place, and the schema is that of
-//! the code.
+//! Files of macros: shipped ones are valid, errors name their position, and the schema matches the code.
 
 use evolvent_file_tests::{assert_refused, assert_schema, edit, shipped};
 use evolvent_screen::{macros_schema, parse_macros};

@@ -1,4 +1,4 @@
-//! Messages as the page sends and reads them.
+//! Messages in the form that the page sends and reads.
 
 use evolvent_screen::messages::{
     CHUNK_HEADER_BYTES, FromPage, LogFact, PathChunk, PathKind, Refusal, SAMPLE_BYTES, SampleAnswer,

@@ -257,13 +257,13 @@ impl Comparison<'_> {
         self.text(self.placed(from), &text)
     }
 
-    /// The machine is already at the start: only the path itself is timed. All paths are at the place of the
-    /// hole.
+    /// The machine is already at the start, so only the path itself is timed. All paths are at the position
+    /// of the hole.
     fn text(&self, [x, y]: [f64; 2], path: &str) -> String {
         self.program(&format!("X{x} Y{y}"), path)
     }
 
-    /// As [`Self::text`], with the words of the start.
+    /// Like [`Self::text`], with the words of the start.
     fn program(&self, from: &str, path: &str) -> String {
         let tolerance = self.tolerance_mm.unwrap_or(BLEND_MM);
         let feed_mm_min = self.feed_mm_min;

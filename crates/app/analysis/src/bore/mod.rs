@@ -26,7 +26,7 @@ const CLEARANCE_MM: f64 = 1.0;
 /// Rounding of a computed distance from the hole's centre, mm.
 const ROUNDING_MM: f64 = 1e-9;
 
-/// A hole and the way it is milled.
+/// A hole and how to mill it.
 #[derive(Clone, Debug)]
 pub struct BoreRequest {
     /// Diameter of the hole, mm.
@@ -71,7 +71,7 @@ pub struct BoreRoughing {
     /// Turns of the whole involute, at least as many as the pitch requires; `None` derives them from the
     /// pitch.
     pub turns: Option<u32>,
-    /// Material left on the wall, mm.
+    /// Allowance left on the wall, mm.
     pub allowance_mm: f64,
     /// Where the involute starts.
     pub start: HoleStart,
@@ -82,7 +82,7 @@ pub struct BoreRoughing {
 pub struct BoreFinishing {
     /// Turns of the whole involute, usually 1 or 2.
     pub turns: u32,
-    /// Where the approach starts; `None` starts about half way out, where roughing has cut.
+    /// Where the approach starts; `None` starts about half way out, in the area that roughing has cleared.
     pub start: Option<HoleStart>,
 }
 
@@ -92,7 +92,7 @@ pub enum BoreError {
     /// The hole cannot be milled as requested.
     #[error("{0}")]
     Hole(#[from] HoleError),
-    /// Turns of roughing with which its pitch is above the maximum.
+    /// Turns of roughing whose pitch is above the maximum.
     #[error(
         "rough-turns {turns} gives a pitch of {pitch_mm} mm per turn, above the maximum of {max_mm} mm: \
          give at least {min_turns} turns, or a larger --pitch"
@@ -104,10 +104,10 @@ pub enum BoreError {
         pitch_mm: f64,
         /// The maximum given, mm per turn.
         max_mm: f64,
-        /// Turns that keep it.
+        /// Minimum number of turns that keep the maximum.
         min_turns: f64,
     },
-    /// The tool's centre would move on a circle that a program cannot have.
+    /// The tool's centre would move on a circle below the minimum radius of an arc.
     #[error(
         "the tool's centre would move on a circle of {radius_mm:.6} mm in {pass}, and a program's arcs have \
          at least {min_mm} mm: use a smaller tool{}",
@@ -151,7 +151,7 @@ pub enum BoreError {
         option: &'static str,
         /// Distance of the start from the hole's centre, mm.
         distance_mm: f64,
-        /// Distances at which roughing has cut room for the tool, mm.
+        /// Distances at which roughing has cleared enough space for the tool, mm.
         cleared_mm: [f64; 2],
         /// The allowance of roughing, mm.
         allowance_mm: f64,
@@ -187,7 +187,7 @@ impl BoreProgram {
     /// Computes the passes.
     ///
     /// # Errors
-    /// What is impossible, with the numbers that make it so.
+    /// An impossible request, with the numbers that make it so.
     pub fn new(request: BoreRequest) -> Result<Self, BoreError> {
         let positive = [
             ("feed", Some(request.feed_mm_min)),
@@ -260,7 +260,7 @@ impl BoreProgram {
         }
         if let Some(finishing) = &request.finishing {
             let start = finishing_start(&hole, &request, finishing, cleared_mm)?;
-            // What roughing has cut is open down to the bottom; of a hole roughed elsewhere only the top is
+            // Roughing has opened the hole down to the bottom. Of a hole roughed elsewhere only the top is
             // known.
             let is_open = cleared_mm.is_some();
             let feed = request.finish_feed_mm_min.unwrap_or(request.feed_mm_min);
@@ -490,7 +490,7 @@ fn finishing_start(
     })
 }
 
-/// A range of distances that can be given, rounded inwards to micrometres.
+/// A range of permitted distances, rounded inwards to micrometres.
 fn range([low, high]: [f64; 2]) -> String {
     let (low, high) = ((1e3 * low).ceil() * 1e-3, (1e3 * high).floor() * 1e-3);
     if low < high {
@@ -528,7 +528,7 @@ fn line(block: &HoleBlock, feed: f64) -> String {
     };
     let [i, j] = [0, 1].map(|axis| coordinate(block.centre_mm[axis] - start[axis]));
     let radius = if involute {
-        // Exactly: rounded, it changes the length of many turns by nanometres.
+        // Exact: rounding would change the length of many turns by nanometres.
         format!(" R{}", word(block.radius_mm))
     } else {
         String::new()
@@ -541,7 +541,7 @@ fn line(block: &HoleBlock, feed: f64) -> String {
     )
 }
 
-/// A number that was given, or from which the path follows: the same bits when read back.
+/// A given number, or one that determines the path: it has the same bits when read back.
 fn word(value: f64) -> ProgramNumber {
     ProgramNumber::exact(value)
 }

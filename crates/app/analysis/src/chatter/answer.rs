@@ -111,7 +111,7 @@ pub(crate) fn answer(
     })
 }
 
-/// The assumptions of the result; shown with every output.
+/// The assumptions of the result, shown with every output.
 fn assumptions(
     asked: &OscillationCase,
     tool: &CuttingTool,

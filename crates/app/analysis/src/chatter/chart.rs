@@ -130,7 +130,7 @@ impl Chart {
     }
 }
 
-/// A range that holds all values with a margin and does not extend below `least`.
+/// A range that contains all values with a margin and does not extend below `least`.
 pub(crate) fn range_of(values: impl Iterator<Item = f64>, least: f64) -> [f64; 2] {
     let finite = values.filter(|value| value.is_finite());
     let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {

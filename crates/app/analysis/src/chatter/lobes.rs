@@ -9,9 +9,9 @@ use crate::figure::svg::{Anchor, Svg};
 /// Limits of period doubling.
 const FLIP: &str = "#8a3ffc";
 
-/// Complex multiplications for the limits of a diagram, at most: about half a minute.
+/// Maximum number of complex multiplications for the limits of a diagram: about half a minute.
 const MAX_WORK: f64 = 1.5e10;
-/// Bound of the growth of a disturbance below the limit from which on a note says so.
+/// Growth of a disturbance below the limit from which on a note reports it.
 const NOTED_GROWTH: f64 = 1000.0;
 
 /// The lobes of turning or milling.
@@ -27,7 +27,7 @@ pub(crate) struct LobeAnswer {
     pub(crate) most_m: f64,
     /// Whether the delay equation was solved.
     pub(crate) exact: bool,
-    /// Where the delay equation has no limit, and why; where it says little.
+    /// Where the delay equation has no limit, with the reason, and where it is not conclusive.
     pub(crate) notes: Vec<String>,
     pub(crate) assumptions: Vec<String>,
 }
@@ -42,14 +42,14 @@ pub(crate) struct LobePoint {
     pub(crate) exact: ExactLimit,
 }
 
-/// What the delay equation says at a spindle speed.
+/// Result of the delay equation at a spindle speed.
 #[derive(Clone, Copy)]
 pub(crate) enum ExactLimit {
     /// Not solved: not requested, or see the notes.
     Unknown,
     /// No depth up to the maximum chatters.
     Beyond,
-    /// Depth, m, the kind of chatter there, and a bound of what a disturbance grows by below it.
+    /// Depth, m, the kind of chatter there, and an upper bound of the growth of a disturbance below it.
     At(f64, Chatter, f64),
 }
 
@@ -66,7 +66,7 @@ impl LobePoint {
         }
     }
 
-    /// Whether the delay equation decides; else the frequency domain does.
+    /// Whether the delay equation is decisive; otherwise the frequency domain is.
     pub(crate) fn is_exact(&self) -> bool {
         !matches!(self.exact, ExactLimit::Unknown)
     }
@@ -200,7 +200,7 @@ fn answer(
 /// Why the delay equation has no limit at a speed.
 #[derive(Clone, Copy, PartialEq)]
 enum NoLimit {
-    /// The speeds above took the permitted work.
+    /// The computation of higher speeds used up the permitted work.
     Budget,
     Error(ChatterError),
 }
@@ -307,7 +307,7 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
         let head = format!("Stability lobes, {}", answer.kind);
         chart.frame(&mut svg, &head, "spindle speed, rpm", &says);
         let line = |of: &dyn Fn(&LobePoint) -> Option<f64>| -> Vec<Option<(f64, f64)>> {
-            // No limit found: it lies above the picture.
+            // No limit found: it is above the picture.
             let point =
                 |point: &LobePoint| (point.speed_rpm, of(point).map_or(2.0 * most, |depth| 1e3 * depth));
             answer.points.iter().map(|p| Some(point(p))).collect()

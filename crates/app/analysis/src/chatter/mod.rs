@@ -24,7 +24,7 @@ use crate::user_file::read_text;
 use answer::Answer;
 use lobes::LobeAnswer;
 
-/// Optional results of a case beside the verdict; each takes time.
+/// Optional results of a case besides the verdict; each takes time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChatterRequest {
     /// Limit cycles over speed.
@@ -148,7 +148,7 @@ impl CaseLaws {
             Some((_, radial)) => format!("radial force by law {}: {}", radial.name, radial.description),
             None => format!(
                 "radial force is {} of the tangential force{}",
-                // As many digits as a measured ratio has.
+                // Rounded to the precision of a measured ratio.
                 (asked.radial_ratio.unwrap_or_else(|| self.law.radial_ratio()) * 1e4).round() / 1e4,
                 if asked.radial_ratio.is_some() {
                     " (case file)"

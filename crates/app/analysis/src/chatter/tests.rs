@@ -1,4 +1,4 @@
-//! What is left out or cut off is said.
+//! Omitted and truncated results are reported.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ fn answer(file: &str, changes: &[(&str, &str)], request: &ChatterRequest) -> Cha
     ChatterAnswer::new(&path, case, request).unwrap()
 }
 
-/// 138 to 69 waves in a cut: a simulation has 0.60 to 0.62 mm at 100 rpm and 0.624 to 0.643 mm at 200 rpm.
+/// 138 to 69 waves in a cut: a simulation gives 0.60 to 0.62 mm at 100 rpm and 0.624 to 0.643 mm at 200 rpm.
 #[test]
 fn limits_at_low_speed_are_right_or_left_out() {
     let at = |speed_rpm: &str| {

@@ -20,7 +20,7 @@ pub(crate) struct Transient {
     fate: Fate,
     /// Time, s, and state.
     samples: Vec<(f64, State)>,
-    /// The duration, s, that was to be shown, if it takes too many steps.
+    /// The intended duration, s, if it takes too many steps.
     cut_off_s: Option<f64>,
 }
 

@@ -234,13 +234,13 @@ enum Spindle {
     Surface(SurfaceSpeed),
 }
 
-/// What a program has commanded of the spindles.
+/// Commands of a program to the spindles.
 #[derive(Debug)]
 struct Spindles {
     now: [Spindle; SPINDLES],
-    /// The one that was started last.
+    /// The spindle that was started last.
     last: u32,
-    /// Another one than number 0 was commanded.
+    /// A spindle other than number 0 was commanded.
     are_several: bool,
 }
 
@@ -267,8 +267,7 @@ impl Spindles {
         }
     }
 
-    /// The spindle that a cut is made with: that of G95; otherwise the one that was started last of those
-    /// that turn.
+    /// The spindle of a cut: that of G95; otherwise, of the turning spindles, the one that was started last.
     fn of_cut(&self, command: &Command) -> (u32, Spindle) {
         let of = |number: u32| self.now.get(number as usize).copied().unwrap_or(Spindle::Still);
         if command.feed_mm_rev.is_some() {
@@ -281,7 +280,7 @@ impl Spindles {
         turning.map_or((self.last, Spindle::Still), |number| (number, of(number)))
     }
 
-    /// Which spindle was taken, where that is not clear.
+    /// Which spindle was assumed, if it is ambiguous.
     fn assumption(&self) -> &'static str {
         if self.are_several {
             "cuts with the spindle of G95, in G94 with the one started last, "
@@ -299,7 +298,7 @@ struct Look<'a> {
     known: BTreeMap<Cut, MapCell>,
     /// The worst cut of each line.
     found: BTreeMap<u32, Finding>,
-    /// Lines for which there was no room.
+    /// Lines beyond the maximum number of warnings.
     unlisted: BTreeSet<u32>,
     /// The first line with a cut that was not evaluated.
     unevaluated_from: Option<u32>,
@@ -331,10 +330,10 @@ fn severity(verdict: Verdict) -> u8 {
     }
 }
 
-/// How far a program is read, by the bounds of a check.
+/// How far a program is read, within the bounds of a check.
 struct Reading {
     bounds: CheckBounds,
-    /// Commands in all, and since a new line was reached.
+    /// Number of commands in total, and since a new line was reached.
     commands: u64,
     round: u64,
     /// The last line reached.
@@ -458,8 +457,8 @@ impl Look<'_> {
         }
     }
 
-    /// The warnings with their nearest stable speeds, which are searched once for cuts that agree to a
-    /// thousandth: a search computes hundreds of cuts.
+    /// The warnings with their nearest stable speeds. One search serves all cuts that agree to a thousandth,
+    /// because it computes hundreds of cuts.
     fn finish(self) -> Vec<ChatterWarning> {
         let mut mapper = self.mapper;
         let mut stable: BTreeMap<Cut, [Option<f64>; 2]> = BTreeMap::new();

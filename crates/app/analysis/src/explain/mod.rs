@@ -1,7 +1,8 @@
 //! Why the machine is slow on a program line, and which change would help.
 //!
-//! Three sources: the setpoints of the line ([`Watch`]), the surrounding program ([`Surroundings`]), and
-//! plans repeated with one change each ([`Remedy`]): the benefit of a change is measured, not estimated.
+//! It uses three sources: the setpoints of the line ([`Watch`]), the surrounding program ([`Surroundings`]),
+//! and plans repeated with one change each ([`Remedy`]). The benefit of a change is therefore measured, not
+//! estimated.
 
 mod remedy;
 mod surroundings;

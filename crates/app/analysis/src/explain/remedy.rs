@@ -14,7 +14,7 @@ use crate::unobserved::Unobserved;
 
 /// Maximum number of changes that are planned.
 const MAX_CHANGES: usize = 3;
-/// Causes below this share of the line's duration are not planned.
+/// Causes below this fraction of the line's duration are not planned.
 const WORTH: f64 = 0.05;
 
 /// One change and its effect.
@@ -28,7 +28,7 @@ pub(crate) struct Remedy {
     pub(crate) program_s: f64,
 }
 
-/// What can be changed.
+/// A possible change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Change {
     Axis(AxisLetter, Order),

@@ -31,8 +31,8 @@ pub(crate) enum Corner {
 }
 
 impl Corner {
-    /// The corner between a move of this mode and one of the mode `next`, as the planner takes it: a stop
-    /// belongs to the move before, and both must permit rounding.
+    /// The path mode of the corner between a move of this mode and one of the mode `next`, as the planner
+    /// chooses it: a stop belongs to the preceding move, and both must permit rounding.
     fn before(self, next: Self) -> Self {
         match (self.tolerance_mm(), next.tolerance_mm()) {
             (Some(own), Some(other)) if other < own => next,
@@ -66,11 +66,11 @@ pub(crate) struct Block {
 pub(crate) struct Neighbour {
     #[serde(flatten)]
     pub(crate) block: Block,
-    /// How the corner between the two moves is taken.
+    /// The path mode of the corner between the two moves.
     pub(crate) corner: Corner,
     /// Angle between the two moves; `None` if X, Y and Z do not move.
     pub(crate) corner_degrees: Option<f64>,
-    /// Action at standstill between the moves, and its line.
+    /// Action at rest between the moves, and its line.
     pub(crate) rest: Option<(u32, String)>,
     /// Mean length of up to 20 moves on that side.
     pub(crate) mean_length_mm: f64,
@@ -92,7 +92,7 @@ pub(crate) struct Surroundings {
 }
 
 impl Surroundings {
-    /// How the corners on both sides of the line and within it are taken.
+    /// The path modes of the corners at both ends of the line and within it.
     pub(crate) fn corners(&self) -> impl Iterator<Item = Corner> {
         let within = self.moves.split_last().map_or(&[][..], |(_, before)| before);
         let ends = self.before.iter().chain(&self.after).map(|side| side.corner);
@@ -230,7 +230,7 @@ fn corner(left: &Curve, right: &Curve) -> Option<f64> {
     Some(a.cross(&b).norm().atan2(a.dot(&b)).to_degrees())
 }
 
-/// The action for which the axes must stand still.
+/// The action for which the axes must be at rest.
 fn at_rest(action: &Action) -> Option<String> {
     Some(match action {
         Action::Dwell { seconds } => format!("a dwell of {seconds} s"),

@@ -1,4 +1,4 @@
-//! Evaluation of the setpoints of one program line: speeds, duration, causes, and the places where it is
+//! Evaluation of the setpoints of one program line: speeds, duration, causes, and the positions where it is
 //! slow.
 
 use evolvent_machine::Machine;
@@ -9,15 +9,15 @@ use crate::limiting::{LimitClassifier, Limiting, Order, Shares, bend};
 
 /// The speed counts as risen again above this factor of the minimum.
 const RISEN: f64 = 1.01;
-/// Setpoints around the minimum that are searched for the nearest limit: at the change from deceleration to
-/// acceleration no value is at its limit for an instant.
+/// Number of setpoints around the minimum that are searched for the nearest limit: at the change from
+/// deceleration to acceleration, no value is at its limit for an instant.
 const AROUND: usize = 4;
-/// A minimum within this share of the line's length from an end belongs to the joint there. A minimum within
-/// a rounded corner, half of which belongs to this line, always belongs to the nearer end.
+/// A minimum within this fraction of the line's length from an end belongs to the joint there. A minimum
+/// within a rounded corner, half of which belongs to this line, always belongs to the nearer end.
 const NEAR: f64 = 0.1;
 /// Maximum number of minima stored per pass; further ones only repeat the pattern.
 const VALLEYS: usize = 64;
-/// A place slower than this share of the feed word is reported.
+/// A position slower than this fraction of the feed word is reported.
 const SLOW: f64 = 0.97;
 
 /// Position within the line.
@@ -32,7 +32,7 @@ pub(crate) enum Where {
 /// A limit and its utilization.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Used {
-    /// What limits.
+    /// The limiting quantity.
     pub(crate) limit: String,
     /// Utilization, 1 at the limit.
     pub(crate) share: f64,
@@ -43,7 +43,7 @@ pub(crate) struct Used {
     pub(crate) cause: Limiting,
 }
 
-/// A place where the line is slow.
+/// A position where the line is slow.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Place {
     #[serde(rename = "where")]
@@ -52,9 +52,9 @@ pub(crate) struct Place {
     /// Positions of the machine's axes in order.
     pub(crate) position: Vec<f64>,
     pub(crate) feed_mm_min: f64,
-    /// Radius of curvature; `None` on straight paths and at standstill.
+    /// Radius of curvature; `None` on straight paths and at rest.
     pub(crate) radius_mm: Option<f64>,
-    /// The limits with the highest utilization around the place, in descending order.
+    /// The limits with the highest utilization around the position, in descending order.
     pub(crate) used: Vec<Used>,
 }
 
@@ -68,7 +68,7 @@ pub(crate) struct Seen {
     pub(crate) least_feed_mm_min: f64,
     pub(crate) mean_feed_mm_min: f64,
     pub(crate) most_feed_mm_min: f64,
-    /// Share of the line's duration limited by each cause, in descending order.
+    /// Fraction of the line's duration limited by each cause, in descending order.
     pub(crate) limited_by: Vec<(String, f64)>,
     #[serde(skip)]
     pub(crate) causes: Vec<(Limiting, f64)>,
@@ -257,7 +257,7 @@ impl Watch {
         }
     }
 
-    /// Keeps the slowest place of each kind.
+    /// Keeps the slowest position of each kind.
     fn take_in(&mut self, valley: Valley) {
         let speed = |valley: &Valley| valley.slowest.setpoint.feed_mm_s;
         if valley
@@ -357,7 +357,7 @@ impl Watch {
         }
         used.push(Used {
             limit: Limiting::ChordError.name(),
-            // Of the permitted error: the planner aims at less.
+            // Relative to the permitted error; the planner aims at less.
             share: shares.chord_ratio * shares.chord_ratio * self.machine.path.planner.chord_fraction(),
             value: 1e3 * self.machine.path.chord_error_increments / self.machine.increments_per_mm,
             unit: "um",

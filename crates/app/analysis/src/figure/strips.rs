@@ -184,7 +184,7 @@ impl Strips {
         self.seen as f64 * self.period_s
     }
 
-    /// Share of the time limited by each cause, in descending order; only causes that occur.
+    /// Fraction of the time limited by each cause, in descending order; only causes that occur.
     pub(crate) fn causes(&self) -> Vec<(Limiting, f64)> {
         let mut causes: Vec<(Limiting, f64)> = self
             .causes

@@ -1,7 +1,7 @@
 //! The path reduced to few points within a tolerance.
 //!
 //! A setpoint is kept where the path leaves a strip around its direction at the last kept point, where it
-//! reverses, or where its colour changes. All omitted points lie within two tolerances of the drawn path.
+//! reverses, or where its colour changes. All omitted points are within two tolerances of the drawn path.
 //! When there are too many points, the tolerance is doubled and the points are reduced again.
 
 /// A point, and the colours of the section that begins at it.

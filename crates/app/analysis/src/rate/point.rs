@@ -120,7 +120,7 @@ impl ChordQuestion {
 
 impl ChordPoint {
     fn is_permitted(&self) -> bool {
-        // The computed value lies on the limit, except for rounding.
+        // The computed value is on the limit, except for rounding.
         self.found.is_some() || self.error_increments <= self.permitted
     }
 

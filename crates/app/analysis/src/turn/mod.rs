@@ -1,4 +1,4 @@
-//! Self-programmed turning on a simulated workpiece, its report, and the passes as a part program.
+//! Load-adaptive turning on a simulated workpiece, its report, and the passes as a part program.
 
 mod passes;
 mod report;

@@ -33,7 +33,7 @@ pub(crate) fn program(trial: &TurningTrial) -> String {
         } else {
             "by the load of a sensor"
         },
-        // Exactly: the feeds below are computed from it.
+        // Exact: the feeds below are computed from it.
         ProgramNumber::exact(settings.spindle_rpm)
     );
     let mut from = trial.start;
@@ -54,7 +54,7 @@ pub(crate) fn program(trial: &TurningTrial) -> String {
     text
 }
 
-/// The job as a program of one self-programmed cycle: the tool approaches from outside and returns there.
+/// The job as a program of one load-adaptive cycle: the tool approaches from outside and returns there.
 pub(crate) fn cycle_program(job: &Job, words: TurningWords) -> String {
     let (cut, settings) = (&job.cut, &job.settings);
     let (x, z) = cut.position_mm(0.0, settings.allowance_max_mm);
@@ -107,10 +107,10 @@ fn length(from: (f64, f64), to: (f64, f64)) -> f64 {
     (to.0 - from.0).hypot(to.1 - from.1)
 }
 
-/// Merges short sections: a feed move starts and ends with many feed changes, a cross move with the end of
-/// deceleration. Sections at a feed that cuts stay as they are: with the mean of theirs, the slow end of an
-/// engagement would be cut at the feed of its beginning in air. Below `least_feed`, mm per revolution, an
-/// axis accelerates, as it does in the program by itself.
+/// Merges short sections. A feed move starts and ends with many feed changes, a cross move with the end of
+/// deceleration. Sections at a cutting feed stay unchanged: at their mean feed, the slow end of an engagement
+/// would be cut at the feed of its beginning in air. Below `least_feed`, mm per revolution, an axis
+/// accelerates, as it does in the program anyway.
 fn joined(stretches: &[Stretch], start: (f64, f64), least_feed: f64) -> Vec<Stretch> {
     let mut list: Vec<(Stretch, f64)> = Vec::new();
     let mut from = start;

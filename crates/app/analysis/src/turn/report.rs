@@ -29,7 +29,7 @@ pub(crate) fn svg(trial: &TurningTrial, machine: &str) -> String {
             trial.job.name,
             match (figures.done, trial.is_simulated) {
                 (true, true) => "at size",
-                // The controller has made its last pass; nothing measures the workpiece.
+                // The controller has made its last pass, but nothing measures the workpiece.
                 (true, false) => "done",
                 (false, _) => "stopped",
             }
@@ -112,13 +112,13 @@ fn stock(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
     if trial.is_simulated {
         blank(svg, trial, &across, &up, whole);
     }
-    // Below the passes: the last ones lie on it.
+    // Drawn before the passes, because the last ones are on it.
     svg.line(
         (across.at(0.0), up.at(0.0)),
         (across.at(length), up.at(0.0)),
         "final",
     );
-    // Up the shoulder that the edge leaves along itself.
+    // Along the shoulder that the edge leaves along itself.
     let foot = settings.height_at_end_mm();
     svg.line(
         (across.at(length), up.at(foot)),

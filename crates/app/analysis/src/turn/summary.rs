@@ -10,14 +10,14 @@ use super::trial::TurningTrial;
 /// One line of the comparison: label, values, time saved by the job in percent.
 pub(crate) fn comparison(trial: &TurningTrial) -> Vec<(&'static str, Figures, f64)> {
     let saved = |figures: &Figures| 100.0 * (1.0 - trial.figures.time_s / figures.time_s);
-    // A job that was stopped has saved nothing.
+    // A job that was stopped has saved no time.
     let fixed = trial.fixed.iter().filter(|_| trial.figures.done);
     fixed
         .map(|(name, figures)| (*name, *figures, saved(figures)))
         .collect()
 }
 
-/// `is_measured`: whether the workpiece is known, so that something is known of what was left standing.
+/// `is_measured`: whether the workpiece is known, so that the remaining material is known too.
 fn figures_object(figures: &Figures, set_load: f64, is_measured: bool) -> Value {
     json!({
         "passes": figures.passes,
@@ -67,7 +67,7 @@ impl TurningTrial {
             text,
             "  {} passes{}, {} times backed off, {:.1} s, of which {:.1} s in air and {:.1} s moving back",
             figures.passes,
-            // Of a workpiece that is not simulated, the height of the stock is unknown.
+            // The height of the stock is known only if the workpiece is simulated.
             if self.is_simulated {
                 format!(" (equation 5: {})", regime.passes(self.highest_mm))
             } else {
@@ -197,7 +197,7 @@ mod tests {
         assert!(trial.svg().contains("at size") && trial.svg().contains("G82"));
         assert!(trial.program().unwrap().contains("\nS500 M3\n"));
 
-        // As a run in real time leaves it.
+        // As after a run in real time.
         trial.is_simulated = false;
         trial.fixed.clear();
         trial.notes.clear();
@@ -212,7 +212,7 @@ mod tests {
         }
         assert_eq!(json["simulated"], false);
         assert!(json["figures"]["residual_mm"].is_null() && json["regime"]["passes"].is_null());
-        // The log of the page has the reasons of the controller, for which the last pass is at size.
+        // The log on the page has the reasons given by the controller, for which the last pass is at size.
         let picture = trial.svg();
         for word in ["simulated", "at size", "G82", "over the stock"] {
             assert!(!picture.contains(word), "{word}");

@@ -64,7 +64,7 @@ pub struct TurningTrial {
     pub(crate) fault: Option<String>,
     /// Why the trace is incomplete.
     trace_error: Option<String>,
-    /// Setpoints were late or lost while somebody listened, or records were lost.
+    /// Setpoints were late or lost while a reader was connected, or records were lost.
     has_lost: bool,
 }
 
@@ -147,7 +147,7 @@ impl TurningTrial {
         let program = folder.path().join("turn.ngc");
         let text = cycle_program(&self.job, setup.machine.program.turning_cycles);
         std::fs::write(&program, text).map_err(|error| failed(&error))?;
-        // The file is gone when the user reads the message.
+        // The temporary file no longer exists when the user reads the message.
         let file = program.display().to_string();
         let cycle = format!("the cycle of {}", self.job.name);
         let of_cycle = |text: String| text.replace(&file, &cycle);
@@ -236,7 +236,7 @@ impl TurningTrial {
         for note in &mut self.notes {
             *note = of_cycle(std::mem::take(note));
         }
-        // It is an error with a position of its own, and no note.
+        // The error is reported separately with its position, so it is not a note.
         self.notes.retain(|note| Some(note) != self.trace_error.as_ref());
         if let Some(trace) = outcome.summary.trace {
             self.notes.push(format!("trace {trace}"));
@@ -263,7 +263,7 @@ impl TurningTrial {
             &settings.tool,
         )
         .unwrap_or(regime);
-        // On stock with hard sections or out-of-round stock, the nominal feed would overload.
+        // On stock that is out of round or has hard sections, the nominal feed would overload.
         let run = |depth: f64, feed: f64| {
             let cut = (depth, feed);
             run_fixed_at_load(&settings, &self.blank, regime.law, cut, regime.set_load)
@@ -316,7 +316,7 @@ impl TurningTrial {
         &self.notes
     }
 
-    /// Why the trace is incomplete; the job went on.
+    /// Why the trace is incomplete; the job continued nevertheless.
     #[must_use]
     pub fn trace_error(&self) -> Option<&str> {
         self.trace_error.as_deref()
@@ -328,14 +328,14 @@ impl TurningTrial {
         self.trace_error.is_some() || self.has_lost
     }
 
-    /// Whether the job was done: without fault, to its last pass.
+    /// Whether the job was completed: without fault, up to its last pass.
     #[must_use]
     pub fn is_done(&self) -> bool {
         self.figures.done
     }
 
-    /// The computed passes, as a part program for this stock; `None` if the job was not done: its last pass
-    /// would end in the middle.
+    /// The computed passes as a part program for this stock; `None` if the job was not completed, since its
+    /// last pass would end in the middle.
     #[must_use]
     pub fn program(&self) -> Option<String> {
         self.is_done().then(|| super::passes::program(self))
@@ -364,8 +364,8 @@ impl TurningTrial {
     }
 }
 
-/// Warns where a revolution at the entry feed adds so much depth that the load exceeds its bound before a
-/// sensor can show it.
+/// Warns if a revolution at the entry feed adds so much depth that the load exceeds its limit before a sensor
+/// can report it.
 fn steep_entry(settings: &TurningSettings) -> Option<String> {
     /// Above this fraction of the deepest cut; measured on the worked example, docs/theory-turning.md.
     const MAX_FRACTION: f64 = 0.5;

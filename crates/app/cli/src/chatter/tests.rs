@@ -1,4 +1,4 @@
-//! The command on the shipped cases.
+//! Tests of the command with the shipped cases.
 
 use std::path::{Path, PathBuf};
 
@@ -111,7 +111,8 @@ fn the_lobes_have_their_figures() {
     assert!(turning["oscillation"].is_null());
 }
 
-/// The delay equation's limits lie below the least one of the zero order here: that one must not be promised.
+/// Here the limits of the delay equation are below the minimum of the zero-order solution, so that minimum
+/// must not be reported.
 #[test]
 fn the_minimum_limit_of_milling_is_that_of_the_delay_equation() {
     let lobes = &json("processes/lobes-milling")["lobes"][0];
@@ -140,7 +141,8 @@ fn the_minimum_limit_of_milling_is_that_of_the_delay_equation() {
     assert!(!text.contains("stable at every speed"), "{text}");
 }
 
-/// The verdicts of the report, for cuts whose every blow another program sees grow out of the model.
+/// Verdicts of the report for cuts whose vibration grows beyond the model after every impulse, according to
+/// an independent program.
 #[test]
 fn cuts_that_leave_the_model_are_said_to_and_depths_are_lengths() {
     let text = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
@@ -372,7 +374,7 @@ fn lines_that_would_vibrate_are_named_with_the_nearest_stable_speed() {
         text.starts_with("shaft.ngc:5: warning:") && text.contains("of the process file"),
         "{text}"
     );
-    // Rapids and stopped spindles cut nothing; without a diameter in the case X tells it.
+    // Rapids and stopped spindles do not cut; if the case has no diameter, X gives it.
     let without = case.replacen("diameter_mm = 100.0", "", 1);
     let stopped = SHAFT.replace("M3 S191", "M5").replace("S128\n", "");
     assert!(
@@ -422,7 +424,7 @@ fn a_depth_that_the_cycle_gives_counts() {
     let case = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
     let program = "G21 G18 G90 G94\nM3 S191\nG0 X60 Z410\nF93.6\nG82 X50 Z300 D0.2\nM2\n";
     let found = warned(program, "machines/lathe-2axis", &case).unwrap();
-    // 0.2 mm deep the cut is stable at any speed.
+    // At a depth of 0.2 mm the cut is stable at any speed.
     assert!(found.iter().all(|warning| warning.depth_mm != 0.2), "{found:?}");
     let deep = program.replace("D0.2", "D4");
     let found = warned(&deep, "machines/lathe-2axis", &case).unwrap();
@@ -477,7 +479,7 @@ fn warnings_that_are_not_listed_are_counted() {
         text.contains("a.ngc: 10 more lines with cuts that are predicted"),
         "{text}"
     );
-    // One cut over and over: its stable speeds are searched once, not a thousand times.
+    // One repeated cut: its stable speeds are searched once, not a thousand times.
     let begun = std::time::Instant::now();
     let few = program.lines().take(6).collect::<Vec<_>>().join("\n") + "\nM2\n";
     let first = warned_within(&few, "machines/lathe-2axis", &case, CheckBounds::whole(1)).unwrap();

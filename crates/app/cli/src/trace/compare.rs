@@ -106,7 +106,7 @@ fn write_comparison(out: &mut dyn Write, c: &Comparison) -> io::Result<()> {
     Ok(())
 }
 
-/// The text of a line that one run may not have.
+/// The text of a line that may be missing in one run.
 fn shown(text: &str) -> &str {
     if text.is_empty() { "no such line" } else { text }
 }

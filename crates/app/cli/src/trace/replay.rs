@@ -15,7 +15,7 @@ use super::export::PartArgs;
 use super::{inspect_error, write_error};
 use crate::{CommandError, Ending};
 
-/// How soon a request to end is noticed while no line comes.
+/// Poll interval of requests to end while no line arrives.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Options of `evolvent trace replay`.
@@ -79,7 +79,7 @@ pub(super) fn run(
         &args.file,
         &options,
         |record| {
-            // Perhaps nobody reads it.
+            // Standard error may be closed.
             drop(writeln!(
                 err,
                 "cycle {}, line {}, feed {:.3} mm/s; Enter for the next, a number for as many, q to end",
@@ -120,11 +120,12 @@ pub(super) fn run(
     Ok(Ending::Clean)
 }
 
-/// The lines of standard input, read by a thread of its own: a request to end is noticed while no line comes.
+/// The lines of standard input, read by a separate thread, so that a request to end is noticed while no line
+/// arrives.
 fn lines_of_input() -> Receiver<String> {
-    // One line ahead: whatever is piped in stays in the pipe until the setpoint is due.
+    // One line ahead: further input stays in the pipe until its setpoint is due.
     let (sender, lines) = sync_channel(1);
-    // It ends with the process, or with the input.
+    // The thread ends with the process or the input.
     std::thread::spawn(move || {
         for line in io::stdin().lines().map_while(Result::ok) {
             if sender.send(line).is_err() {

@@ -70,7 +70,7 @@ fn write_verified(out: &mut dyn Write, verified: &Verified) -> io::Result<()> {
         writeln!(out, "  {text}")?;
     }
     if verified.cycles == 0 {
-        // Nothing was checked either.
+        // Nothing was checked in this case either.
     } else if verified.violations.is_empty() {
         write!(out, "every sample keeps travel, velocity, acceleration and jerk")?;
         match verified.max_path_error_mm {

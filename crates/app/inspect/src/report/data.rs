@@ -12,12 +12,12 @@ use crate::opened::Opened;
 use crate::report::gather::{Gathered, JobPart, LogBars, Span};
 use crate::report::verdict::{letters, time};
 
-/// Lines in a table.
+/// Maximum number of lines in a table.
 const MAX_ROWS: usize = 40;
 /// Approximate number of rows of all jobs of a session together.
 const ALL_ROWS: usize = 2000;
-/// A program up to this length is shown completely, of a longer one the surroundings of the lines in the
-/// tables.
+/// A program of at most this length is shown completely; of a longer one, the surroundings of the lines in
+/// the tables.
 const WHOLE_LINES: usize = 3000;
 const SURROUNDINGS: usize = 4;
 /// Maximum number of texts of lines for a viewer.
@@ -33,7 +33,7 @@ pub(crate) fn escaped(text: &str) -> String {
         .replace('"', "&quot;")
 }
 
-/// Bytes as text (RFC 4648, section 4).
+/// Bytes in base64 (RFC 4648, section 4).
 pub(crate) fn base64(bytes: &[u8]) -> String {
     BASE64_STANDARD.encode(bytes)
 }
@@ -89,7 +89,8 @@ fn utc(time_ns: u64) -> String {
     )
 }
 
-/// Lines of all jobs by a measure: the largest of all, and of each job those in its own table.
+/// Lines of all jobs with the largest values of a measure: those of the whole run, and for each job those in
+/// its own table.
 fn top(g: &Gathered, measure: impl Fn(&LineTime) -> f64) -> Vec<(&JobPart, u32, &LineTime)> {
     let per_job = (ALL_ROWS / g.jobs.len().max(1)).clamp(1, MAX_ROWS);
     let mut list: Vec<_> = g
@@ -159,7 +160,7 @@ pub(crate) fn json(opened: &Opened, g: &Gathered) -> String {
     value(opened, g).to_string().replace('<', "\\u003c")
 }
 
-/// Adds where each line was driven, and the texts of all lines that were.
+/// Adds the cycles at which each line was driven, and the texts of these lines.
 pub(crate) fn link_lines(value: &mut Value, opened: &Opened, g: &Gathered) {
     let runs = g.line_runs.list();
     let starts: Vec<u8> = runs
@@ -311,7 +312,8 @@ fn cut(text: &str) -> String {
     text.chars().take(LINE_CHARACTERS).collect()
 }
 
-/// The text of an event. The start of a job is a line for recomputing it: its head is enough.
+/// The text of an event. The start of a job is a line for recomputation, of which the beginning is
+/// sufficient.
 fn said(event: &EventRecord) -> String {
     if event.kind == EventKind::Switched {
         return Switched::parse(&event.text)

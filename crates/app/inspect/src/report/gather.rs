@@ -43,9 +43,9 @@ pub(crate) struct Series {
 /// Counts of times, by tenths of powers of ten.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LogBars {
-    /// Early or at once.
+    /// Number of early or exact ones.
     pub(crate) none: u64,
-    /// By tenth of a power of ten of ns.
+    /// Counts by tenth of a power of ten of ns.
     pub(crate) bars: BTreeMap<u32, u64>,
     pub(crate) total: u64,
     pub(crate) max_ns: i64,
@@ -114,11 +114,11 @@ pub(crate) struct Gathered {
     pub(crate) fastest_cut_mm_s: f64,
 }
 
-/// The recorded cycles, and those that are missing or late.
+/// Counts of recorded, missing and late cycles.
 #[derive(Debug, Default)]
 pub(crate) struct CycleCounts {
     pub(crate) cycles: u64,
-    /// With which the trace begins, whether it is recorded or missing.
+    /// The number with which the trace begins, whether that cycle is recorded or missing.
     pub(crate) first_sequence: u64,
     pub(crate) last_sequence: u64,
     pub(crate) gaps: Vec<(u64, u64)>,
@@ -128,19 +128,19 @@ pub(crate) struct CycleCounts {
 }
 
 impl CycleCounts {
-    /// Number of cycles from the first to the last one, with those that are missing.
+    /// Number of cycles from the first to the last one, including missing ones.
     pub(crate) fn span(&self) -> u64 {
         if self.cycles == 0 {
             return 0;
         }
-        // Numbers that go back, or end at the last one, are of a damaged file.
+        // Numbers that decrease, or end at the maximum, come from a damaged file.
         self.last_sequence
             .saturating_sub(self.first_sequence)
             .saturating_add(1)
     }
 }
 
-/// What changed, and what happened, at which cycle.
+/// Changes and events, with their cycles.
 #[derive(Debug, Default)]
 pub(crate) struct Timeline {
     pub(crate) states: Vec<Span>,
@@ -157,7 +157,7 @@ struct Curves {
     feed: Pyramid,
     override_: Pyramid,
     load: Pyramid,
-    /// Velocity, acceleration, jerk, following error, position by axis.
+    /// Velocity, acceleration, jerk, following error and position by axis.
     axes: Vec<[Pyramid; 5]>,
     lateness: Pyramid,
     work: Pyramid,
@@ -270,7 +270,7 @@ fn jobs(starts: &VecDeque<RecordedJob>, times: &LineTimes) -> Vec<JobPart> {
 }
 
 impl Gathered {
-    /// Before the first cycle.
+    /// The state before the first cycle.
     fn new(opened: &Opened, starts: &VecDeque<RecordedJob>) -> Self {
         let home = opened.machine.limits().home;
         Self {
@@ -345,7 +345,7 @@ impl Gathered {
         {
             let job = &mut self.jobs[self.begun];
             self.begun += 1;
-            // The path of a program counts from its start, and does not change during a jog.
+            // The path length of a program counts from its start, and does not change during a jog.
             if record.inputs & inputs::STEERS != 0 {
                 job.times.begin_at(record.path_mm);
             }
@@ -362,7 +362,7 @@ impl Gathered {
 
     fn cycle(&mut self, record: &CycleRecord, curves: &mut Curves, trail: &mut Trail, axes: &[AxisLetter]) {
         let next = if self.counts.cycles == 0 {
-            // A trace of which the description is damaged may begin earlier than it says.
+            // A trace with a damaged description may begin earlier than stated.
             self.counts.first_sequence = self.counts.first_sequence.min(record.sequence);
             self.counts.first_sequence
         } else {
@@ -400,7 +400,7 @@ impl Gathered {
         }
         self.lateness.see(record.wake_lateness_ns);
         self.work.see(i64::from(record.work_ns));
-        // Each job of a served machine counts from zero.
+        // The path length of each job of a served machine starts at zero.
         let further = record.path_mm - self.last_path_mm;
         self.path_mm += if further < 0.0 { record.path_mm } else { further };
         self.last_path_mm = record.path_mm;

@@ -1,13 +1,13 @@
-//! Which line was driven when.
+//! The program line at each time.
 
-/// Runs that are kept at most.
+/// Maximum number of runs kept.
 const MAX_RUNS: usize = 200_000;
 
-/// The cycles with which another line begins. Where they would be too many, the shortest are left out.
+/// The cycles with which another line begins. If there are too many, the shortest runs are omitted.
 #[derive(Clone, Debug)]
 pub(crate) struct LineRuns {
     list: Vec<(u64, u32)>,
-    /// A run of fewer cycles gives way to the next one.
+    /// A run of fewer cycles is replaced with the next one.
     min_cycles: u64,
     max_runs: usize,
 }
@@ -23,7 +23,7 @@ impl Default for LineRuns {
 }
 
 impl LineRuns {
-    /// Takes the next cycle in.
+    /// Adds the next cycle.
     pub(crate) fn push(&mut self, sequence: u64, line: u32) {
         match self.list.last_mut() {
             Some((_, last)) if *last == line => return,
@@ -81,7 +81,7 @@ mod tests {
             list.windows(2)
                 .all(|pair| pair[0].0 < pair[1].0 && pair[0].1 != pair[1].1)
         );
-        // The long ones are all there, and found at their middles.
+        // All long runs are kept, and found at their middles.
         for round in 0..20_u64 {
             let middle = round * 1500 + 1000;
             let at = list.partition_point(|(start, _)| *start <= middle);

@@ -20,7 +20,7 @@ const SCRIPT: &str = include_str!("page.js");
 /// Why the page could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// The trace.
+    /// Error of the trace.
     #[error(transparent)]
     Inspect(#[from] InspectError),
     /// The page cannot be written.
@@ -56,8 +56,8 @@ pub fn report_page(trace: &Path) -> Result<String, InspectError> {
     Ok(page(&opened, &gathered))
 }
 
-/// What the page of a trace draws, as JSON, with what a viewer needs to go from a time to its line and back:
-/// `line_runs`, the cycles with which a line begins, and `texts`, the lines of each job.
+/// The data that the page of a trace draws, as JSON, with the data that a viewer needs to convert between
+/// time and line: `line_runs`, the cycles with which a line begins, and `texts`, the lines of each job.
 ///
 /// # Errors
 /// [`InspectError`].
@@ -88,6 +88,6 @@ fn page(opened: &Opened, gathered: &gather::Gathered) -> String {
         .replace("{{run}}", &data::run_rows(opened, gathered))
         .replace("{{style}}", STYLE)
         .replace("{{script}}", SCRIPT)
-        // Last: the contents of the trace are arbitrary.
+        // Replaced last, because the contents of the trace are arbitrary.
         .replace("{{data}}", &data::json(opened, gathered))
 }

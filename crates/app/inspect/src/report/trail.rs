@@ -48,7 +48,7 @@ impl Trail {
             self.kept.push(spot);
             return;
         };
-        // Rest adds nothing.
+        // Cycles at rest add nothing.
         if self.skipped.last().unwrap_or(&anchor).place == spot.place {
             return;
         }
@@ -75,7 +75,7 @@ impl Trail {
         self.feed_step_mm_s *= 1.5;
         let all = std::mem::take(&mut self.kept);
         all.into_iter().for_each(|spot| self.push(spot));
-        // If the tolerance alone does not reduce the points, their number is reduced.
+        // If the tolerance alone does not reduce the points enough, more points are skipped.
         if self.kept.len() > MAX_POINTS * 3 / 4 {
             let mut at = 0;
             self.kept.retain(|_| {

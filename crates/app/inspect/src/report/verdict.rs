@@ -1,4 +1,4 @@
-//! The run in words.
+//! The verdict on a run, in sentences.
 
 use evolvent_analysis::Limiting;
 use evolvent_path::AxisLetter;
@@ -22,7 +22,7 @@ pub(crate) struct Sentence {
     pub(crate) text: String,
 }
 
-/// The sentences about a run, the most severe first.
+/// The sentences about a run, most severe first.
 pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
     let mut list = Vec::new();
     let mut say = |gravity, text: String| list.push(Sentence { gravity, text });
@@ -60,7 +60,7 @@ pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
         );
     }
     list.sort_by_key(|sentence| std::cmp::Reverse(sentence.gravity == Gravity::Bad));
-    // The first sentence describes the run, whatever else is severe.
+    // The first sentence describes the run, even if others are more severe.
     if let Some(at) = list.iter().position(|sentence| sentence.text.starts_with(&what)) {
         let first = list.remove(at);
         list.insert(0, first);
@@ -220,7 +220,7 @@ fn limits(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) 
     );
 }
 
-/// Which limits were reached for which part of the recorded time.
+/// Which limits were active for which part of the recorded time.
 fn where_time_went(g: &Gathered, duration_s: f64, say: &mut impl FnMut(Gravity, String)) {
     if duration_s <= 0.0 {
         return;

@@ -1,4 +1,4 @@
-//! Runs to look into: real ones, and copies with something changed.
+//! Recorded runs for tests, and changed copies of them.
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,
@@ -38,7 +38,7 @@ G0 X5 Z2
 M30
 ";
 
-/// The same way, there and back, for some seconds.
+/// The same path, back and forth, for some seconds.
 pub fn long_program(turns: usize) -> String {
     format!(
         "G21 G90 G94 G64 P0.02 F3000\n{}M30\n",
@@ -92,7 +92,7 @@ pub fn record(
         feed_override,
         trace: Some(trace.clone()),
         optional_stop: true,
-        // Whatever reads traces reads both kinds: every other run is recorded in columns.
+        // Readers support both kinds of traces, so every other run is recorded in columns.
         ..Job::new(file, setup(name.len().is_multiple_of(2)))
     };
     let controls = Arc::new(Controls::new(feed_override));
@@ -109,7 +109,7 @@ pub fn cycles(trace: &Path) -> Vec<CycleRecord> {
     file.cycles().map(|cycle| cycle.expect("a cycle")).collect()
 }
 
-/// Records a trace once more, with its description and its cycles changed.
+/// Records a trace again with its description and its cycles changed.
 pub fn altered(
     trace: &Path,
     name: &str,

@@ -6,13 +6,13 @@ use evolvent_trace::CycleRecord;
 
 use super::{Difference, Verified, text_of};
 
-/// LATE describes when a setpoint was published, not its position.
+/// LATE refers to the time of publication, not to the position.
 const TIMING_FLAGS: u32 = 1;
 
 pub(super) struct Comparing {
     pub(super) axes: Vec<AxisLetter>,
     pub(super) period_s: f64,
-    /// Columns hold jerk as singles.
+    /// Columns store jerk in single precision.
     pub(super) columns: bool,
 }
 
@@ -36,7 +36,7 @@ impl Comparing {
         for axis in &self.axes {
             let i = axis.index();
             let sent = corrected.map_or(0.0, |jet| (record.drive_position[i] - jet.position[i]).abs());
-            // NaN if the trace has none.
+            // NaN if the trace has no value.
             let off = (record.position[i] - setpoint.position[i]).abs().max(sent);
             if off > verified.greatest_difference {
                 verified.greatest_difference = off;
@@ -56,7 +56,7 @@ impl Comparing {
         false
     }
 
-    /// Whether the drives received something else than the setpoint.
+    /// Whether the drives received another setpoint.
     pub(super) fn is_corrected(&self, record: &CycleRecord) -> bool {
         self.axes
             .iter()

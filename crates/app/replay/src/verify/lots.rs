@@ -7,7 +7,7 @@ use std::thread::Scope;
 
 use evolvent_trace::{CycleRecord, ReadError, TraceFile};
 
-/// Number of cycles that the reader passes at once, and number of such lots that may wait.
+/// Number of cycles that the reader passes on at once, and maximum number of waiting lots.
 const LOT: usize = 4096;
 const LOTS: usize = 8;
 
@@ -62,7 +62,7 @@ pub(super) struct Records {
 }
 
 impl Records {
-    /// The next one, without consuming it.
+    /// The next record, without consuming it.
     pub(super) fn peek(&mut self) -> Option<&CycleRecord> {
         while self.at >= self.lot.len() {
             match self.lots.recv() {
@@ -77,7 +77,7 @@ impl Records {
         self.lot.get(self.at)
     }
 
-    /// The next one.
+    /// The next record.
     pub(super) fn next(&mut self) -> Option<CycleRecord> {
         let record = *self.peek()?;
         self.at += 1;

@@ -27,22 +27,22 @@ pub struct Difference {
     pub line: u32,
     /// The text of that line.
     pub text: String,
-    /// What differs, for example `position X`.
+    /// The differing quantity, for example `position X`.
     pub quantity: String,
-    /// As recorded.
+    /// The recorded value.
     pub recorded: f64,
-    /// As computed now.
+    /// The recomputed value.
     pub recomputed: f64,
 }
 
 /// Result of a verification.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Verified {
-    /// Cycles recorded.
+    /// Number of recorded cycles.
     pub cycles: u64,
-    /// Cycles recomputed and compared.
+    /// Number of cycles recomputed and compared.
     pub compared: u64,
-    /// Cycles that are missing in the trace.
+    /// Number of cycles missing in the trace.
     pub missing: u64,
     /// Whether the run was recomputed at all; if not, `notes` give the reason.
     pub recomputed: bool,
@@ -55,44 +55,44 @@ pub struct Verified {
     /// Possible reasons for a difference: another version, another kind of processor, a planner that was
     /// late.
     pub explanations: Vec<String>,
-    /// Samples that exceed a limit, by differences of the recorded positions alone.
+    /// Number of samples that exceed a limit, by differences of the recorded positions alone.
     pub limit_violations: u64,
     /// All violations found by the independent checks, as text.
     pub violations: Vec<String>,
     /// Maximum distance from the programmed path, mm; `None` if the path was not checked.
     pub max_path_error_mm: Option<f64>,
-    /// Jobs of a served machine: programs, blocks of MDI, jogs and moves of homing.
+    /// Number of jobs of a served machine: programs, blocks of MDI, jogs and moves of homing.
     pub jobs: u64,
-    /// Recorded cycles of which it is not known what moved the axes, so that they were not compared; `notes`
-    /// say why.
+    /// Number of recorded cycles whose source of motion is unknown, so that they were not compared; `notes`
+    /// give the reasons.
     pub uncompared: u64,
-    /// What else is to be known.
+    /// Further notes.
     pub notes: Vec<String>,
 }
 
 impl Verified {
-    /// Whether nothing differs, as far as the run was computed again, and nothing is objected to.
+    /// Whether the recomputed part has no difference, and the checks found no violation.
     #[must_use]
     pub fn holds(&self) -> bool {
         self.differing == 0 && self.first_difference.is_none() && self.violations.is_empty()
     }
 
-    /// Whether the trace lacks something of the run: cycles, or the program to compute it again from.
+    /// Whether the trace is incomplete: cycles are missing, or the program for recomputation is.
     #[must_use]
     pub fn lacks_data(&self) -> bool {
         self.cycles == 0 || self.missing > 0 || !self.recomputed || self.uncompared > 0
     }
 }
 
-/// Computes what a trace recorded again, from what is attached and the recorded inputs, and compares every
-/// setpoint bit for bit: one run, or every job of a served machine. And checks every recorded position
-/// against limits and path, without a planner.
+/// Recomputes a recorded run, or every job of a served machine, from the attachments and the recorded inputs,
+/// and compares every setpoint bit for bit. In addition, every recorded position is checked against limits
+/// and path, without a planner.
 ///
 /// # Errors
-/// [`InspectError`]: a damaged trace, or one that cannot be understood.
+/// [`InspectError`]: the trace is damaged or cannot be understood.
 pub fn verify(path: &Path) -> Result<Verified, InspectError> {
     let mut opened = Opened::open(path)?;
-    // What is not needed to compute the run again is checked too.
+    // The parts that recomputation does not need are checked too.
     opened.trace.check_whole()?;
     let mut verified = Verified::default();
     explain_surroundings(&opened, &mut verified);
@@ -111,7 +111,7 @@ fn text_of(lines: &[String], line: u32) -> String {
         .unwrap_or_default()
 }
 
-/// Another version or another kind of processor may compute other bits.
+/// Another version or another kind of processor may give other bits.
 fn explain_surroundings(opened: &Opened, verified: &mut Verified) {
     let own = env!("CARGO_PKG_VERSION");
     let recorded = opened
@@ -150,7 +150,7 @@ fn explain_surroundings(opened: &Opened, verified: &mut Verified) {
     }
 }
 
-/// A temporary folder for what is attached.
+/// A temporary folder for attachments.
 fn folder() -> Result<tempfile::TempDir, InspectError> {
     tempfile::tempdir().map_err(|source| InspectError::Io {
         what: "a temporary folder for the attached program".to_owned(),
@@ -158,7 +158,7 @@ fn folder() -> Result<tempfile::TempDir, InspectError> {
     })
 }
 
-/// The name of a recorded file without any folder: it came from outside.
+/// The name of a recorded file without any folder, since traces are untrusted.
 fn file_name(recorded: &str) -> &str {
     Path::new(recorded)
         .file_name()
@@ -173,7 +173,7 @@ fn write(file: &Path, text: &[u8]) -> Result<(), InspectError> {
     })
 }
 
-/// Puts the attached files of subroutines, whose names begin with `prefix`, beside the program.
+/// Writes the attached subroutine files, whose names begin with `prefix`, next to the program.
 fn write_subroutines(trace: &mut TraceFile, prefix: &str, folder: &Path) -> Result<(), InspectError> {
     let names: Vec<String> = trace
         .info()

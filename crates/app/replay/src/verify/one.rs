@@ -15,7 +15,7 @@ use super::signals::{RecordedSignals, tell_difference};
 use super::watch::Watch;
 use super::*;
 
-/// What computing needs beside the trace.
+/// Inputs of the recomputation besides the trace.
 struct Again<'a> {
     program: &'a Path,
     setup: &'a evolvent_runtime::Setup,
@@ -128,7 +128,7 @@ fn compute(again: &Again<'_>, records: &mut Records, verified: &mut Verified) ->
                     runs_on.set(recorded.runs_on);
                     recorded
                 }
-                // A cycle that was lost: nothing is known to have changed.
+                // For a lost cycle, nothing is known to have changed.
                 None => RecordedInputs {
                     inputs: last.get(),
                     lag: PlannerLag::default(),
@@ -157,7 +157,7 @@ fn compute(again: &Again<'_>, records: &mut Records, verified: &mut Verified) ->
     Ok(())
 }
 
-/// Every output has to change with the same setpoint to the same value.
+/// Checks that every output changes with the same setpoint to the same value.
 fn compare_outputs(again: &Again<'_>, recomputed: &[SignalChange], verified: &mut Verified) {
     let recorded = &again.signals.outputs;
     let same = recorded
@@ -196,7 +196,7 @@ fn compare_outputs(again: &Again<'_>, recomputed: &[SignalChange], verified: &mu
     tell_difference(difference, verified);
 }
 
-/// What the recomputed run did not reach.
+/// Reports the part of the trace that the recomputed run did not reach.
 fn beyond(again: &Again<'_>, records: &mut Records, verified: &mut Verified) {
     while let Some(record) = records.next() {
         if !verified.recomputed {
@@ -215,7 +215,7 @@ fn beyond(again: &Again<'_>, records: &mut Records, verified: &mut Verified) {
     }
 }
 
-/// What came in at a cycle; `load` is the reading of the cycle before.
+/// The recorded inputs of a cycle; `load` is the reading of the previous cycle.
 pub(super) fn recorded_inputs(record: &CycleRecord, load: Option<LoadSample>) -> RecordedInputs {
     RecordedInputs {
         inputs: Inputs {
@@ -224,7 +224,7 @@ pub(super) fn recorded_inputs(record: &CycleRecord, load: Option<LoadSample>) ->
             stop: record.inputs & bits::STOP != 0,
             resume: record.inputs & bits::RESUME != 0,
             load: (!record.load.is_nan()).then(|| LoadSample {
-                // Readings are told apart by their numbers; which they are does not matter.
+                // Only a change of the number matters, not the number itself.
                 sequence: load.map_or(0, |load| load.sequence) + u64::from(record.inputs & bits::LOAD != 0),
                 value: record.load,
                 range_max: if record.inputs & bits::LOAD_AT_END != 0 {

@@ -1,4 +1,4 @@
-//! A served machine: every job computed again from what it began with.
+//! Verification of a served machine: every job is recomputed from its recorded start.
 
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
@@ -19,17 +19,17 @@ use super::watch::{End, Watch, judged};
 use super::*;
 use evolvent_inspect::{RecordedJob, before_tool_changes, recorded_jobs, travel_of};
 
-/// The bits that say what moved the axes.
+/// The bits that identify the source of motion.
 const WHAT_MOVED: u32 = bits::FOLLOWS | bits::STEERS;
-/// More cycles than this that are missing in a row are not computed.
+/// Maximum number of consecutive missing cycles that are recomputed.
 const MAX_MISSING: u64 = 100_000;
-/// Reasons that are told one by one.
+/// Maximum number of reasons that are reported individually.
 const MAX_REASONS: usize = 10;
 
 struct Served<'a> {
     again: ServedAgain,
     setup: Setup,
-    /// A second hand in the file, for the attachments.
+    /// A second handle of the file, for the attachments.
     trace: TraceFile,
     starts: VecDeque<RecordedJob>,
     travel: (Axes, Axes),
@@ -37,14 +37,14 @@ struct Served<'a> {
     verified: &'a mut Verified,
     folder: PathBuf,
     lines: Vec<String>,
-    /// What moves the axes is not known.
+    /// The source of motion is unknown.
     lost: bool,
     /// The last cycle before a gap.
     last: Option<CycleRecord>,
     /// The last reading of the cutting load.
     load: Option<LoadSample>,
     reasons: usize,
-    /// The user was told that corrections are not recomputed.
+    /// The user was notified that corrections are not recomputed.
     told_uncorrected: bool,
 }
 
@@ -130,8 +130,7 @@ pub(super) fn verify(
 
 impl Served<'_> {
     fn all(&mut self, records: &mut Records) -> Result<(), InspectError> {
-        // A file that goes on where another one ends begins at an unknown place, which is known again at
-        // rest.
+        // A file that continues another one begins at an unknown position, which becomes known at rest.
         self.lost = records.peek().is_some_and(|record| record.sequence > 0);
         while let Some(record) = records.peek() {
             let sequence = record.sequence;
@@ -149,7 +148,7 @@ impl Served<'_> {
         Ok(())
     }
 
-    /// Cycles that are missing are computed where what moved the axes is the same on both sides.
+    /// Recomputes missing cycles if the source of motion is the same before and after the gap.
     fn cross_gap(&mut self, sequence: u64) {
         let missing = sequence.saturating_sub(self.again.sequence());
         let Some(last) = self.last.filter(|_| missing > 0 && !self.lost) else {
@@ -172,7 +171,7 @@ impl Served<'_> {
         self.verified.jobs += 1;
         let (_, low, high) = travel_of(start, &self.setup.machine);
         self.travel = (low, high);
-        // What happened between jobs at the same cycle comes first.
+        // Events between jobs at the same cycle come first.
         if let Some(record) = records.peek().copied() {
             self.relocate(&record);
         }
@@ -209,7 +208,7 @@ impl Served<'_> {
         }
     }
 
-    /// Begins the motion of an excursion that was recorded with this cycle. Returns whether there was one.
+    /// Begins a motion of an excursion that was recorded at this cycle. Returns whether there was one.
     fn leave(&mut self, sequence: u64) -> bool {
         let Some(start) = self.starts.front() else {
             return false;
@@ -232,7 +231,7 @@ impl Served<'_> {
         true
     }
 
-    /// Where the axes stood is known from the cycle before, if it is not known from computing.
+    /// Takes the position of the axes from the previous record, if recomputation does not know it.
     fn find_place(&mut self, records: &mut Records) -> bool {
         if !self.lost {
             return true;
@@ -302,7 +301,7 @@ impl Served<'_> {
                     None
                 } else {
                     let settings = setup.interpreter_settings_for(&file);
-                    // A program with an error has a path up to there, but nothing to judge it by.
+                    // A program with an error has a path up to there, but no reference to compare it with.
                     let start = settings.start;
                     let commands = AsRead {
                         interpreter: Interpreter::new(BufReader::new(text.as_slice()), settings),
@@ -347,13 +346,14 @@ impl Served<'_> {
             judged(&judge.finish(), end, most_override, &whose, self.verified);
         }
         if !self.again.is_at_work() {
-            // It is not needed any more, and there may be many.
+            // The folder is no longer needed, and there may be many.
             let _left = std::fs::remove_dir_all(&folder);
         }
         Ok(())
     }
 
-    /// The text and what else a program found, put where it is looked for; or why that cannot be done.
+    /// Writes the text and the other inputs of a program to their files. Returns the reason if this is not
+    /// possible.
     fn prepare(
         &mut self,
         start: &ProgramStart,
@@ -414,7 +414,7 @@ impl Served<'_> {
         }
     }
 
-    /// Takes the next cycle, computes it again and compares.
+    /// Takes the next cycle, recomputes it and compares it.
     fn one(&mut self, records: &mut Records, judge: Option<&mut Judge<'_>>) {
         let Some(record) = records.next() else { return };
         if let Some(judge) = judge
@@ -458,7 +458,7 @@ impl Served<'_> {
             ));
         }
         if record.state == State::Fault as u8 && matches!(setpoint.state, State::Stopping | State::Stopped) {
-            // The drives or the planner had failed, which is no input.
+            // The drives or the planner had failed, which is not a recorded input.
             setpoint.state = State::Fault;
         }
         if by_nothing {
@@ -472,14 +472,14 @@ impl Served<'_> {
             &self.lines,
         );
         if !same && by_nothing && is_at_rest(&record) {
-            // The next job is looked at by itself.
+            // The next job is verified independently.
             let position = record.position.into();
             self.again
                 .place_at(self.travel, record.sequence + 1, position, record.path_mm);
         }
     }
 
-    /// Programs have to set their outputs with the same setpoints to the same values.
+    /// Checks that programs set their outputs with the same setpoints to the same values.
     fn compare_outputs(&mut self) {
         let (count, Some(first)) = self.again.output_differences() else {
             return;
@@ -513,7 +513,8 @@ impl Served<'_> {
     }
 }
 
-/// The commands of a program as its planner read them, with lines left out as was switched meanwhile.
+/// The commands of a program as its planner read them, without the lines that were skipped by the switches at
+/// that time.
 struct AsRead<'a, R> {
     interpreter: Interpreter<R>,
     switched: &'a VecDeque<Switched>,
@@ -534,7 +535,7 @@ impl<R: BufRead> Iterator for AsRead<'_, R> {
     }
 }
 
-/// Takes the first job if it begins at this cycle.
+/// Takes the first job if it begins with this cycle.
 trait AtCycle {
     fn pop_front_if_at(&mut self, sequence: u64) -> Option<RecordedJob>;
 }

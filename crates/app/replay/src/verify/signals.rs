@@ -1,4 +1,4 @@
-//! Inputs and outputs as a trace has recorded them.
+//! Recorded inputs and outputs.
 
 use evolvent_inspect::InspectError;
 use evolvent_runtime::SignalChange;
@@ -6,7 +6,7 @@ use evolvent_trace::{EventKind, TraceFile};
 
 use super::{Difference, Verified};
 
-/// Every change, in order.
+/// All changes, in order.
 pub(super) struct RecordedSignals {
     pub(super) inputs: Vec<SignalChange>,
     pub(super) outputs: Vec<SignalChange>,
@@ -37,7 +37,7 @@ impl RecordedSignals {
     }
 }
 
-/// Tells of an output that differs, if it is the first that does.
+/// Reports an output that differs, if it is the first difference.
 pub(super) fn tell_difference(difference: Difference, verified: &mut Verified) {
     let is_first = verified
         .first_difference

@@ -1,4 +1,4 @@
-//! Independent checks of what was recorded: limits, travel, path.
+//! Independent checks of the recorded cycles: limits, travel, path.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -12,11 +12,11 @@ use evolvent_inspect::LimitCheck;
 use evolvent_inspect::TravelFrom;
 use evolvent_motion::flags;
 
-/// What a feed may have: on the way down from a rapid a period lies on both sides of the joint.
+/// Tolerance of the feed: while slowing down from a rapid, a period may extend over both sides of the joint.
 const FEED: f64 = 1.002;
 const STATE_DONE: u8 = 9;
 
-/// Independent checks of what was recorded.
+/// Independent checks of the recorded cycles.
 pub(super) struct Watch<'a> {
     pub(super) check: LimitCheck,
     pub(super) judge: Option<Judge<'a>>,
@@ -47,7 +47,7 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// Sees every cycle that comes.
+    /// Evaluates every cycle received.
     pub(super) fn run(mut self, lots: &Receiver<Arc<Vec<CycleRecord>>>) -> Self {
         while let Ok(lot) = lots.recv() {
             lot.iter().for_each(|record| self.see(record));
@@ -68,7 +68,7 @@ impl<'a> Watch<'a> {
         let next = self.last_sequence.map_or(0, |last| last + 1);
         self.missing += record.sequence.saturating_sub(next);
         if record.sequence != next {
-            // Differences over a gap are none; the judge knows nothing of gaps.
+            // There are no differences across a gap, and the judge does not know gaps.
             self.judge = None;
         }
         self.last_sequence = Some(record.sequence);
@@ -87,7 +87,7 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// What may explain a difference.
+    /// Adds possible explanations of a difference.
     fn explain(&self, verified: &mut Verified) {
         let Some(first) = verified
             .first_difference
@@ -134,18 +134,18 @@ impl<'a> Watch<'a> {
     }
 }
 
-/// How a program came to its end.
+/// How a program ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum End {
     Done,
     Stopped,
-    /// In motion: each axis stopped by itself behind it, or the trace was cut off. To the judge that is a
-    /// motion that stops dead.
+    /// In motion: each axis stopped on its own after this cycle, or the trace was cut off. For the judge this
+    /// is a motion that stops abruptly.
     BrokenOff,
 }
 
 impl End {
-    /// If this cycle is the last one.
+    /// The end if this cycle is the last one.
     pub(super) fn at(record: &CycleRecord) -> Self {
         if record.state == STATE_DONE {
             Self::Done
@@ -157,7 +157,7 @@ impl End {
     }
 }
 
-/// Takes in what the judge says of the path. A run that was stopped has no end; braking after a fault may
+/// Adds the judge's findings about the path. A run that was stopped has no end; braking after a fault may
 /// leave the path.
 pub(super) fn judged(verdict: &Verdict, end: End, most_override: f64, whose: &str, verified: &mut Verified) {
     let most = verified.max_path_error_mm.unwrap_or(0.0);
@@ -167,14 +167,14 @@ pub(super) fn judged(verdict: &Verdict, end: End, most_override: f64, whose: &st
         ..Allowances::default()
     };
     let unfinished = [Kind::Missed, Kind::Rest, Kind::End];
-    // Velocity, acceleration and jerk are said by the check of limits; joints have the guard's rule there.
+    // The check of limits reports velocity, acceleration and jerk; joints follow the guard's rule there.
     let said = [Kind::Velocity, Kind::Acceleration, Kind::Jerk, Kind::Travel];
     for violation in verdict.violations(&allowances) {
         let is_meant = !said.contains(&violation.kind)
             && (end == End::Done || !unfinished.contains(&violation.kind))
             && (end != End::BrokenOff || violation.kind != Kind::Chord);
-        // In blending mode a rounded corner is what the tolerance is for; the chord error is the planner's
-        // promise.
+        // In blending mode a rounded corner is what the tolerance permits, and the planner guarantees the
+        // chord error.
         if is_meant {
             verified.violations.push(format!("{whose}{violation}"));
         }

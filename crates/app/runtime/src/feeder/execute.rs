@@ -1,4 +1,4 @@
-//! Commands that become steps of the plan.
+//! Commands as steps of the plan.
 
 use evolvent_gcode::{Action, Command, Move, MoveKind};
 use evolvent_motion::QueueClosed;
@@ -12,7 +12,7 @@ use crate::periphery::{change_begins, tool_request};
 use crate::switches::SwitchState;
 
 impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
-    /// `false` at the program's end.
+    /// Plans a command. Returns `false` at the end of the program.
     pub(super) fn execute(&mut self, command: &Command) -> Result<bool, PlanError<QueueClosed>> {
         let line = command.line;
         match &command.action {
@@ -102,7 +102,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             Action::Warning(text) => self.warn_once(line, text),
             other => {
                 if let Some(text) = describe(other) {
-                    // Neither a message nor the next tool's number is a reason to stop.
+                    // Neither a message nor the selection of a tool is a reason to stop.
                     let is_message = !matches!(other, Action::SelectTool(_));
                     self.reporter.announce_in_passing(line, is_message, &text);
                 }
@@ -111,20 +111,20 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(true)
     }
 
-    /// A warning of the interpreter. Loops would repeat it: once for a line.
+    /// Reports a warning of the interpreter once per line, since loops repeat it.
     fn warn_once(&mut self, line: u32, text: &str) {
         if self.reporter.warned.insert(line) {
             self.warn(line, text);
         }
     }
 
-    /// Warns in passing.
+    /// Reports a warning without a stop.
     pub(super) fn warn(&mut self, line: u32, text: &str) {
         self.reporter
             .announce_in_passing(line, true, &format!("warning: {text}"));
     }
 
-    /// Stops and waits for a resume. An action before it makes it known by its number.
+    /// Stops and waits for a resume. The number of a preceding action identifies the stop.
     pub(super) fn stop(&mut self, line: u32, kind: StopKind) -> Result<(), PlanError<QueueClosed>> {
         let action = self.actions;
         self.actions += 1;
@@ -170,7 +170,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(())
     }
 
-    /// `continues`: it is a further part of the move before, and has its number.
+    /// `continues`: the move is a further part of the preceding one and has its number.
     pub(super) fn push_move(
         &mut self,
         motion: &Move,
@@ -183,7 +183,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             rapid_override,
             ..
         } = self.switches;
-        // After another stop, and before the first move, there is nothing to stop after.
+        // After another stop, and before the first move, no stop is needed.
         if single_step && self.last_line != line && self.last_line > 0 {
             self.stop(self.last_line, StopKind::Step)?;
         }
@@ -217,7 +217,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(())
     }
 
-    /// The speed in the feed metric at which the first axis is at its limit, along the chord of a rapid.
+    /// The speed in the feed metric at which the first axis reaches its limit along the chord of a rapid.
     /// Never 0.
     pub(super) fn rapid_speed(&self, curve: &Curve) -> f64 {
         let limits = self.setup.machine.limits();
@@ -232,7 +232,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         if speed.is_finite() { speed.max(1e-3) } else { 1.0 }
     }
 
-    /// Something of the periphery's that takes effect at rest.
+    /// Adds an action of the periphery, which takes effect at rest.
     pub(super) fn act(&mut self, line: u32, text: &str) -> Result<(), PlanError<QueueClosed>> {
         let action = self.actions;
         self.actions += 1;

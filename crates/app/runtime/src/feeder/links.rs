@@ -1,4 +1,4 @@
-//! The feeder's ways to the cycle, beside the plan.
+//! The feeder's channels to the cycle, besides the plan.
 
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
@@ -13,29 +13,29 @@ use crate::news::UserCall;
 use crate::shared::Controls;
 use crate::stages::Stages;
 
-/// How long the planner sleeps while those handed over before are driven.
+/// Poll interval of the planner while earlier processes are still running.
 const HANDOVER_NAP: Duration = Duration::from_millis(1);
 
-/// Reports user-defined M codes in a run: to the thread that carries them out, and to the cycle, which waits
-/// there.
+/// Reports user-defined M codes of a run: to the thread that carries them out, and to the cycle, which waits
+/// for them.
 pub(crate) struct ToCarrier {
     pub calls: Sender<(u32, UserCall)>,
     pub stops: Producer<u32>,
     pub controls: Arc<Controls>,
 }
 
-/// Where nothing is driven there are none.
+/// Senders to the cycle; all `None` if nothing is driven.
 #[derive(Default)]
 pub(super) struct CycleLinks {
     pub(super) processes: Option<ProcessSender>,
     pub(super) probings: Option<ProbingSender>,
     pub(super) threadings: Option<ThreadingSender>,
-    /// Of outputs and waits.
+    /// The scheduler of outputs and waits.
     pub(super) signals: Option<Scheduler>,
     pub(super) carrier: Option<ToCarrier>,
 }
 
-/// Hands something that takes over to the cycle as soon as there is room; `false` where nothing is driven.
+/// Passes a process on to the cycle as soon as the queue has capacity. Returns `false` if nothing is driven.
 pub(super) fn hand_over<T: ?Sized, S: PlanSink<Error = QueueClosed>>(
     sender: &mut Option<TakeoverSender<T>>,
     planner: &mut Stages<S>,
@@ -50,7 +50,7 @@ pub(super) fn hand_over<T: ?Sized, S: PlanSink<Error = QueueClosed>>(
             Err(_) if sender.is_abandoned() => return Err(QueueClosed),
             Err(back) => next = back,
         }
-        // Holds and overrides are answered meanwhile.
+        // Replies to holds and overrides in the meantime.
         planner.poll()?;
         std::thread::sleep(HANDOVER_NAP);
     }

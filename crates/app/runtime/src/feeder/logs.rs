@@ -1,4 +1,4 @@
-//! Files that the program writes.
+//! Files written by the program.
 
 use evolvent_gcode::LogAction;
 use evolvent_motion::QueueClosed;
@@ -8,14 +8,14 @@ use super::Feeder;
 use crate::log_file::{LogFiles, LogKind, log_objection};
 use crate::source::Commands;
 
-/// A log file that cannot be written, with the cure.
+/// The error of a log file that cannot be written, with its remedy.
 fn no_log(message: String) -> (String, String) {
     let help = "see the folder of the log files, program.log_folder of the machine file";
     (message, help.to_owned())
 }
 
 impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
-    /// Carries out a comment about files; why it cannot be.
+    /// Carries out a comment about log files. Returns the error, if any.
     pub(super) fn log(&mut self, log: &LogAction, line: u32) -> Option<(String, String)> {
         if let Some(objection) = log_objection(log) {
             return Some(objection);
@@ -43,7 +43,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         logs.act(log).err().map(no_log)
     }
 
-    /// Writes where the probe was, where a file is open for that.
+    /// Writes the position of a probe contact if a file for it is open.
     pub(super) fn log_probe(&mut self, commands: &Commands, tripped: bool) -> Option<(String, String)> {
         let logs = self.logs.as_mut().filter(|_| tripped)?;
         let text = commands.probed().map(|value| format!("{value:.6}")).join(" ");

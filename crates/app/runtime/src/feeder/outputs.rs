@@ -1,4 +1,4 @@
-//! Outputs, spindle, coolant and the feed law: what changes with a block or at rest.
+//! Outputs, spindle, coolant and the feed law: changes with a block or at rest.
 
 use evolvent_gcode::{Action, Command, Move, MoveKind, Outputs, SPINDLES, SpindleDirection};
 use evolvent_motion::QueueClosed;
@@ -8,24 +8,25 @@ use evolvent_signals::{Change, FeedLaw, Moment as SignalMoment, OverrideSwitches
 use super::{CARRIER_NAP, Feeder};
 use crate::news::describe;
 
-/// What counts from the next block on.
+/// Changes that take effect with the next block.
 pub(super) struct NextBlock {
-    /// Outputs that change with it (M62, M63, M67), and the line that has set them last.
+    /// Outputs that change with it (M62, M63, M67), and the line that set them last.
     pub(super) change: Change,
     pub(super) line: u32,
-    /// What the feed goes by, as scheduled last.
+    /// The feed law that was scheduled last.
     pub(super) feed_law: FeedLaw,
-    /// The feed override counts for what is read, and so does the rapid override.
+    /// Whether feed and rapid override apply to the commands read from here on.
     pub(super) override_counts: bool,
-    /// Which overrides count, as the program has said last.
+    /// The overrides in force, as set by the program last.
     pub(super) switches: OverrideSwitches,
-    /// The spindle that turns without its override, since a pass followed it.
+    /// The spindle whose override is off because a pass followed it.
     pub(super) without_override: Option<u32>,
-    /// By spindle: it was given a speed, and no feed has waited for it.
+    /// For each spindle: it was given a speed, and no feed move has waited for it yet.
     pub(super) awaits_speed: [bool; SPINDLES],
-    /// By spindle: a rapid has moved the tool along X since it had the speed of its radius.
+    /// For each spindle: a rapid has moved the tool along X since the spindle reached the speed for the
+    /// radius.
     pub(super) has_left_radius: [bool; SPINDLES],
-    /// The spindle whose angle motion follows, as scheduled last.
+    /// The spindle whose angle the motion follows, as scheduled last.
     pub(super) follows: u32,
 }
 
@@ -46,7 +47,7 @@ impl NextBlock {
 }
 
 impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
-    /// Hands something to the cycle's outputs and inputs, before its block or action goes into the plan.
+    /// Passes a change on to the cycle, before its block or action is added to the plan.
     pub(super) fn schedule(&mut self, hand: impl Fn(&mut Scheduler) -> bool) -> Result<(), QueueClosed> {
         let Some(signals) = &mut self.links.signals else {
             return Ok(());
@@ -61,7 +62,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(())
     }
 
-    /// An output that changes with the next block, or at rest.
+    /// Sets an output with the next block, or at rest.
     pub(super) fn set_output(
         &mut self,
         line: u32,
@@ -77,7 +78,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.set_at_rest(line, text, set)
     }
 
-    /// An output that changes at rest, now in the order of the program.
+    /// Sets an output at rest, in the order of the program.
     pub(super) fn set_at_rest(
         &mut self,
         line: u32,
@@ -89,15 +90,15 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.schedule(|signals| signals.change(change))
             .map_err(PlanError::Sink)?;
         self.act(line, text)?;
-        // An action takes no time, so the next move would begin in the same period: one setpoint at rest has
-        // the new value.
+        // An action takes no time, so the next move would begin in the same period. The dwell gives the new
+        // value one setpoint at rest.
         let seconds = self.setup.period_ns as f64 * 1e-9;
         let dwell = Step::Dwell { seconds, line };
         self.planner.rest(&dwell).map_err(PlanError::Sink)
     }
 
-    /// Which overrides count, from the next block on; a cycle that taps needs its feed from the first
-    /// setpoint on, so it comes to rest for it.
+    /// Sets which overrides are in force from the next block on. A tapping cycle needs its programmed feed
+    /// from the first setpoint on, so the machine stops before it.
     pub(super) fn switch_overrides(
         &mut self,
         switches: OverrideSwitches,
@@ -119,8 +120,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.set_at_rest(line, &text, |change| change.overrides = Some(switches))
     }
 
-    /// The spindle that a pass follows turns as programmed, up to the next feed move: its override would
-    /// change the speed that the pass has begun at, and that at which a tap comes out.
+    /// Switches off the override of a spindle that a pass follows, until the next feed move. Otherwise it
+    /// would change the speed at which the pass began, and that at which a tap retracts.
     pub(super) fn suspend_override(&mut self, spindle: u32, line: u32) -> Result<(), PlanError<QueueClosed>> {
         let mut switches = self.next.switches;
         let counts = switches.spindles.get_mut(spindle as usize);
@@ -137,14 +138,14 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.set_at_rest(line, &text, |change| change.overrides = Some(switches))
     }
 
-    /// The override of a spindle that a pass has followed counts again, from the next block on.
+    /// Restores the override of a spindle that a pass has followed, from the next block on.
     pub(super) fn restore_override(&mut self) {
         if self.next.without_override.take().is_some() {
             self.next.change.overrides = Some(self.next.switches);
         }
     }
 
-    /// Outputs that wait for a move that never comes, as in LinuxCNC.
+    /// Warns of outputs that wait for a move which never comes, as LinuxCNC does.
     pub(super) fn warn_of_outputs_without_move(&mut self) {
         if !self.next.change.sets_outputs() {
             return;
@@ -154,7 +155,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.reporter.announce_in_passing(self.next.line, true, text);
     }
 
-    /// The feed of a move goes by time or by the spindle, from its block on.
+    /// Sets the feed law of a move, by time or by spindle, from its block on.
     pub(super) fn go_by(&mut self, command: &Command, motion: &Move) {
         let outputs = &self.periphery.outputs;
         if motion.kind == MoveKind::Rapid {
@@ -182,8 +183,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
     }
 
-    /// The next action has stopped a spindle: feed does not go by it any more, or the block that changes the
-    /// law could not begin.
+    /// Sets the feed law to time if the next action stops the spindle that feed follows. Otherwise the block
+    /// that changes the law could not begin.
     fn release_feed(&mut self, spindle: u32) -> Result<(), PlanError<QueueClosed>> {
         if self.next.feed_law.spindle() != Some(spindle) || self.periphery.outputs.spindle(spindle).turns() {
             return Ok(());
@@ -198,7 +199,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             .map_err(PlanError::Sink)
     }
 
-    /// The next action is a command to a spindle, for whose speed feed will wait.
+    /// Notes that the next action commands a spindle, for whose speed feed moves will wait.
     pub(super) fn command_spindle(&mut self, spindle: u32) {
         let index = spindle as usize;
         if let (Some(command), Some(awaits)) = (
@@ -210,7 +211,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
     }
 
-    /// With the next action a spindle turns as commanded, where time is not real.
+    /// With the virtual clock, a spindle turns as commanded from the next action on.
     pub(super) fn turn_virtual_spindle(&mut self, spindle: u32) -> Result<(), QueueClosed> {
         let change = Change {
             spindle: Some(self.spindle_target(spindle)),
@@ -219,7 +220,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.schedule(|signals| signals.change(change))
     }
 
-    /// How a spindle is commanded now.
+    /// The present command to a spindle.
     pub(super) fn spindle_target(&self, spindle: u32) -> SpindleTarget {
         let output = self.periphery.outputs.spindle(spindle);
         SpindleTarget {
@@ -233,7 +234,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
     }
 
-    /// Something of the periphery takes effect at rest.
+    /// Applies an action of the periphery at rest.
     pub(super) fn switch(&mut self, action: &Action, line: u32) -> Result<(), PlanError<QueueClosed>> {
         self.periphery.apply(action);
         if let Action::Spindle { spindle, .. }
@@ -251,7 +252,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
     }
 
-    /// Reports what the periphery is from the action of this number on.
+    /// Reports the state of the periphery from the action of this number on.
     pub(super) fn report_periphery(&self, action: u32) {
         self.reporter.periphery(action, self.periphery);
     }

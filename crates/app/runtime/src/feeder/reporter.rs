@@ -1,4 +1,4 @@
-//! What others receive of a program while it is planned.
+//! Reports on a program while it is planned.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::mpsc::Sender;
@@ -12,7 +12,7 @@ use crate::periphery::Periphery;
 use crate::source::Commands;
 use crate::switches::Switched;
 
-/// A block that has been handed to the planner and not yet reported.
+/// A block that was passed to the planner and is not reported yet.
 struct OpenBlock {
     block: u32,
     line: u32,
@@ -20,25 +20,25 @@ struct OpenBlock {
     length_mm: f64,
 }
 
-/// Sends events to listeners of the run and to an observer that follows block by block.
+/// Sends events to the listeners of a run and to an observer that follows block by block.
 pub(super) struct Reporter {
     listeners: Vec<Sender<FeederEvent>>,
     observer: Option<Sender<FeederEvent>>,
-    /// Receives spindle, coolant and tool, by the number of the action.
+    /// Receives spindle, coolant and tool with the number of the action.
     periphery_listener: Option<Sender<(u32, Periphery)>>,
-    /// Whether anyone receives blocks.
+    /// Whether blocks are reported.
     pub(super) with_blocks: bool,
     open: VecDeque<OpenBlock>,
-    /// Number of the job that switches are reported for.
+    /// The job that changes of switches are reported for.
     job: u32,
     modal: Option<Modal>,
-    /// Names of attached subroutines begin with this.
+    /// Prefix of the names of attached subroutines.
     subroutines: String,
-    /// Files of subroutines that have been attached.
+    /// Number of subroutine files that have been attached.
     files_attached: usize,
-    /// Lines and texts that were announced in passing.
+    /// Lines and texts of notices without a stop that are not released yet.
     passing: Vec<(u32, bool, String)>,
-    /// Lines of which warnings were given.
+    /// Lines with a warning.
     pub(super) warned: BTreeSet<u32>,
 }
 
@@ -75,7 +75,7 @@ impl Reporter {
         self.job = job;
     }
 
-    // Receivers that are gone miss nothing.
+    // A receiver that is gone needs no events.
     fn to_observer(&self, event: FeederEvent) {
         if let Some(observer) = &self.observer {
             let _gone = observer.send(event);
@@ -93,7 +93,7 @@ impl Reporter {
         }
     }
 
-    /// The periphery from the action of this number on.
+    /// Reports the periphery from the action of this number on.
     pub(super) fn periphery(&self, action: u32, periphery: Periphery) {
         if let Some(listener) = &self.periphery_listener {
             let _gone = listener.send((action, periphery));
@@ -101,7 +101,7 @@ impl Reporter {
         self.to_observer(FeederEvent::Periphery(action, periphery));
     }
 
-    /// Attaches what the program has called from other files.
+    /// Attaches the files that the program has called.
     pub(super) fn attach_files(&mut self, commands: &Commands) {
         if commands.file_count() == self.files_attached {
             return;
@@ -115,7 +115,7 @@ impl Reporter {
         self.files_attached = commands.file_count();
     }
 
-    /// The modes from the next block on, where they have changed.
+    /// Reports the modes from the next block on, if they have changed.
     pub(super) fn modal(&mut self, commands: &Commands, next_block: u32) {
         if self.observer.is_none() {
             return;
@@ -127,23 +127,24 @@ impl Reporter {
         }
     }
 
-    /// Something that comes with the action of this number, at rest.
+    /// Reports a notice at rest, with the action of this number.
     pub(super) fn announce(&mut self, action: u32, line: u32, is_message: bool, text: &str) {
         self.release(Moment::Rest(action));
         self.send(Moment::Rest(action), line, is_message, text);
     }
 
-    /// Something in passing: it comes where the program comes to it, be that the next block or a rest before.
+    /// Reports a notice without a stop: it appears when the program reaches it, with the next block or at
+    /// rest before it.
     pub(super) fn announce_in_passing(&mut self, line: u32, is_message: bool, text: &str) {
         self.passing.push((line, is_message, text.to_owned()));
     }
 
-    /// Whether something was announced in passing of which it is not known yet where it comes.
+    /// Whether there are notices without a stop whose moment is still open.
     pub(super) fn has_passing(&self) -> bool {
         !self.passing.is_empty()
     }
 
-    /// This comes next in the program: what was announced in passing comes with it.
+    /// Releases the notices without a stop: they appear at this moment.
     pub(super) fn release(&mut self, moment: Moment) {
         for (line, is_message, text) in std::mem::take(&mut self.passing) {
             self.send(moment, line, is_message, &text);
@@ -162,7 +163,7 @@ impl Reporter {
         }
     }
 
-    /// A move has been handed to the planner.
+    /// Reports a move that was passed to the planner.
     pub(super) fn queued(&mut self, motion: &Move, line: u32, block: u32, path_mm: f64) {
         self.to_observer(FeederEvent::Queued(QueuedBlock {
             block,
@@ -191,7 +192,8 @@ impl Reporter {
         }
     }
 
-    /// Reports blocks whose plan is final: number and seconds of each, all but the last of them unless `all`.
+    /// Reports blocks whose plan is final, as numbers and durations in seconds; all except the last one
+    /// unless `all`.
     pub(super) fn blocks(&mut self, finished: &mut VecDeque<(u32, f64)>, all: bool) {
         let keep = usize::from(!all);
         while finished.len() > keep {

@@ -1,4 +1,4 @@
-//! Threads: the feeder collects the pieces of a pass and waits for its end.
+//! Threading: the feeder collects the pieces of a pass and waits until it is complete.
 
 use std::path::Path;
 
@@ -13,9 +13,9 @@ use crate::periphery::{SpindlePass, UnplannedMove};
 use crate::refusal::{ProgramError, at_origin};
 use crate::threading::{ThreadChain, complaint};
 
-/// What keeps a pass from being over.
+/// Why a pass is not complete.
 pub(super) enum ThreadTrouble {
-    /// The program is wrong, or the machine has not done it.
+    /// The program has an error, or the machine has not carried it out.
     Program(ProgramError),
     /// Nothing is driven any more.
     Gone,
@@ -28,14 +28,14 @@ impl From<QueueClosed> for ThreadTrouble {
 }
 
 impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
-    /// Hands passes of threading on here.
+    /// Passes threading passes on to this sender.
     pub(crate) fn threading_by(mut self, threadings: Option<ThreadingSender>) -> Self {
         self.links.threadings = threadings;
         self
     }
 
-    /// Takes a piece of a thread. What is no piece, or begins another pass, has the pass before cut first.
-    /// Returns whether it was taken.
+    /// Takes a piece of a thread. Any other command, and a piece of another pass, first completes the
+    /// preceding pass. Returns whether the piece was taken.
     pub(super) fn collect_thread(
         &mut self,
         command: &Command,
@@ -52,7 +52,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(self.chain.take(command))
     }
 
-    /// Waits for the speed, stops, and cuts a pass.
+    /// Waits for the spindle speed, stops, and cuts a pass.
     fn cut_thread(&mut self, chain: &ThreadChain, program: &Path) -> Result<(), ThreadTrouble> {
         let Some(first) = chain.first() else {
             return Ok(());
@@ -102,9 +102,9 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             self.next.follows = chain.spindle();
             change.follows = Some(chain.spindle());
         }
-        // Again, for a spindle that turned before the program began.
+        // Sent again for a spindle that turned before the program began.
         change.spindle = Some(self.spindle_target(chain.spindle()));
-        // The pass is no block: what is to change with it changes where it begins, at rest.
+        // The pass is not a block: changes with it take effect where it begins, at rest.
         change.moment = SignalMoment::Rest(action);
         self.schedule(|signals| signals.change(change))?;
         self.periphery.follows_angle = Some(chain.spindle());
@@ -140,8 +140,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         );
         if complaint(&result, 0.0).is_none() {
             self.reporter.announce_in_passing(line, false, &text);
-            // Its angle is followed on for the next pass, and whether it stalls is for others to notice
-            // again.
+            // The next pass follows the spindle again, and stalls are monitored elsewhere again.
             self.periphery.in_pass = None;
             let action = self.actions;
             self.actions += 1;
@@ -151,8 +150,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(result)
     }
 
-    /// The next two actions, which the pass itself carries out: the spindle turns back at this speed, and
-    /// then as before.
+    /// Reports the next two actions, which the pass itself carries out: the spindle turns back at this speed,
+    /// and then as before.
     fn report_reversal(&mut self, spindle: u32, back_rpm: f64) -> Result<(), QueueClosed> {
         use evolvent_gcode::SpindleDirection::{Clockwise, CounterClockwise, Stopped};
         let before = self.periphery.outputs;

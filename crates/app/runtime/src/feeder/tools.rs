@@ -13,7 +13,7 @@ use crate::periphery::{Changer, TOOL_CHANGE_CODE, nobody_changes, tool_change_ca
 use crate::refusal::{about_line, about_line_with, at_origin};
 
 impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
-    /// Why the machine cannot change to this tool.
+    /// The reason why the machine cannot change to this tool, if any.
     pub(super) fn objection_to_tool(
         &self,
         tool: u32,
@@ -38,7 +38,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
     }
 
-    /// Waits for another tool, if the machine needs to, and takes it as the one in the spindle.
+    /// Waits for another tool if the machine needs to, and takes it as the one in the spindle.
     pub(super) fn change_tool(
         &mut self,
         action: &Action,

@@ -1,4 +1,4 @@
-//! What the program waits for: inputs, the spindle, probing moves and turning cycles.
+//! Waits of the program: for inputs, the spindle, probing moves and turning cycles.
 
 use std::path::Path;
 
@@ -19,18 +19,18 @@ use crate::source::Commands;
 use crate::turning::turning;
 use crate::turning_motion::TurningMotion;
 
-/// What came of a command for whose end the program may wait.
+/// Result of a command that the program may wait for.
 pub(super) enum Waited {
-    /// It is none.
+    /// The command needs no wait.
     None,
-    /// It is carried out.
+    /// The command was carried out.
     Over,
     /// Nothing is driven any more.
     Gone,
 }
 
 impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
-    /// Carries out a command for whose end the program waits.
+    /// Carries out a command and waits until it is complete.
     pub(super) fn wait_out(
         &mut self,
         command: &Command,
@@ -80,7 +80,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 SignalKind::Digital
             };
             match self.wait_for_input(kind, index, mode, timeout_s, line) {
-                // -1 as after a timeout where the input is not known.
+                // -1 for an unknown input, as after a timeout.
                 Ok(value) => commands.answer_input(value.unwrap_or(-1.0)),
                 Err(_gone) => return Ok(Waited::Gone),
             }
@@ -123,14 +123,14 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(Waited::None)
     }
 
-    /// Stops and hands over to a turning cycle.
+    /// Stops and starts a turning cycle.
     pub(super) fn turn(&mut self, turning: TurningMotion, line: u32) -> Result<(), QueueClosed> {
-        // Its passes are fed at the speed that the cycle was planned for.
+        // Its passes use the feed at the speed that the cycle was planned for.
         self.set_feed_law(FeedLaw::Time);
         let turning: Box<dyn ProcessCycle> = Box::new(turning);
         hand_over(&mut self.links.processes, &mut self.planner, turning)?;
         if !self.next.change.is_empty() {
-            // The cycle's passes are no blocks: what is to change with them changes where they begin, at
+            // The passes of the cycle are not blocks: changes with them take effect where they begin, at
             // rest.
             let change = Change {
                 moment: SignalMoment::Rest(self.actions),
@@ -146,8 +146,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.planner.rest(&Step::Turning { line })
     }
 
-    /// Waits until every spindle has the speed that it was given last; why one has not, after the time for
-    /// it.
+    /// Waits until every spindle has its last commanded speed. Returns the reason if one does not reach it in
+    /// time.
     pub(super) fn await_speeds(&mut self, line: u32) -> Result<Option<(String, String)>, QueueClosed> {
         for (number, awaits) in std::mem::take(&mut self.next.awaits_speed)
             .into_iter()
@@ -164,7 +164,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(None)
     }
 
-    /// Waits for the speed of one spindle, where something tells that.
+    /// Waits for the speed of one spindle, if anything reports it.
     fn await_speed(&mut self, number: u32, line: u32) -> Result<Option<(String, String)>, QueueClosed> {
         let output = self.periphery.outputs.spindle(number);
         let turns = output.turns() && output.speed().rpm_at(0.0) > 0.0;
@@ -186,7 +186,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             number,
             mode: WaitMode::High,
         };
-        // The input speaks of the command of the moment: the ramp has to end first.
+        // The input refers to the present command, so the ramp has to end first.
         let awaited = match spindle.at_speed {
             AtSpeed::Unknown if !has_ramp => return Ok(None),
             AtSpeed::Unknown | AtSpeed::Feedback => [Some(by_command), None],
@@ -210,8 +210,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }))
     }
 
-    /// Turns the stopped spindle to an angle and waits until it stands there (M19); why it does not, after
-    /// the time for it.
+    /// Turns the stopped spindle to an angle and waits until it is there (M19). Returns the reason if it does
+    /// not reach the angle in time.
     pub(super) fn orient(
         &mut self,
         action: &Action,
@@ -223,7 +223,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         match self.switch(action, line) {
             Ok(()) => {}
             Err(PlanError::Sink(gone)) => return Err(gone),
-            // Nothing else can go wrong at rest.
+            // Nothing else can fail at rest.
             Err(_) => return Ok(None),
         }
         self.next.awaits_speed[spindle as usize] = false;
@@ -250,18 +250,18 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }))
     }
 
-    /// Whether nothing is driven, or what is driven has ended: no reply comes any more.
+    /// Whether nothing is driven, or what was driven has ended: no reply comes any more.
     pub(super) fn is_abandoned(&self) -> bool {
         self.links.signals.as_ref().is_none_or(Scheduler::is_abandoned)
     }
 
-    /// Stops, probes, and gives the result. What follows begins where the axes stand then.
+    /// Stops, probes, and returns the result. The next move begins where the axes have stopped.
     pub(super) fn probe(&mut self, order: ProbeMove, line: u32) -> Result<ProbeResult, QueueClosed> {
         let mut change = std::mem::replace(&mut self.next.change, Change::at(SignalMoment::Block(0)));
         let action = self.actions;
         self.actions += 1;
         if !change.is_empty() {
-            // The move is no block: what is to change with it changes where it begins, at rest.
+            // The move is not a block: changes with it take effect where it begins, at rest.
             change.moment = SignalMoment::Rest(action);
             self.schedule(|signals| signals.change(change))?;
         }
@@ -328,7 +328,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(result)
     }
 
-    /// Stops, waits for an input there, and gives its value.
+    /// Stops, waits there for an input, and returns its value.
     pub(super) fn wait_for_input(
         &mut self,
         kind: SignalKind,
@@ -353,7 +353,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.wait_for(awaited, timeout_s, line, mode != 0, &text)
     }
 
-    /// Stops and waits there; none after the timeout, and where nothing is driven.
+    /// Stops and waits there; `None` after the timeout, and if nothing is driven.
     pub(super) fn wait_for(
         &mut self,
         awaited: Awaited,
@@ -369,7 +369,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let wait = InputWait {
             action,
             awaited,
-            // A cast saturates, and a wait of the largest number is one for ever.
+            // The cast saturates, and a wait of the largest number never ends.
             timeout_cycles: (timeout_s * 1e9 / self.setup.period_ns as f64).ceil() as u64,
         };
         self.schedule(|signals| signals.wait(wait))?;
@@ -377,7 +377,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.planner.rest(&Step::Action { action, line })?;
         self.planner.rest(&Step::InputWait { line })?;
         if self.links.signals.is_none() {
-            // Nothing is driven: as after a timeout.
+            // Nothing is driven: the same result as after a timeout.
             return Ok(None);
         }
         let result = self.await_result(|links| {
@@ -387,7 +387,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(result.value)
     }
 
-    /// Waits until the cycle has handed a result back. `poll`: the result, if it has come, and whether
+    /// Waits until the cycle has returned a result. `poll` returns the result, if there is one, and whether
     /// nothing is driven any more.
     pub(super) fn await_result<R>(
         &mut self,
@@ -399,14 +399,14 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 Some((None, false)) => {}
                 _ => return Err(QueueClosed),
             }
-            // Holds and overrides are answered meanwhile.
+            // Replies to holds and overrides in the meantime.
             self.planner.poll()?;
             self.report_blocks(false);
             std::thread::sleep(INPUT_NAP);
         }
     }
 
-    /// Whether something tells that a spindle has its speed.
+    /// Whether anything reports that a spindle has its speed.
     pub(super) fn knows_speed(&self, number: u32) -> bool {
         let spindle = self.setup.machine.signals.spindle(number);
         spindle.is_some_and(|spindle| spindle.at_speed != AtSpeed::Unknown || spindle.ramp_rpm_s.is_some())

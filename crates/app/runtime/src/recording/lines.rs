@@ -8,9 +8,9 @@ use evolvent_config::open_regular;
 
 use crate::program_copy::{FromStart, ProgramText};
 
-/// Where lines come from.
+/// Source of the lines.
 pub(super) enum LinesSource {
-    /// A program that is run by itself, and was opened a moment ago.
+    /// A program that runs alone and was opened a moment ago.
     Path(PathBuf),
     Text(ProgramText),
 }
@@ -33,7 +33,7 @@ impl Lines {
         }
     }
 
-    /// A copy is still being made.
+    /// Whether a copy is still in progress.
     pub(super) fn are_coming(&self) -> bool {
         matches!(&self.source, LinesSource::Text(ProgramText::Copy(copy)) if copy.look().is_none())
     }

@@ -1,4 +1,4 @@
-//! Events and blocks that belong to the cycles of a recording.
+//! Events and blocks that belong to recorded cycles.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -17,7 +17,7 @@ use crate::news::{BlockPlan, ExternalEvent, ExternalEventKind, FeederEvent, Noti
 use crate::program_copy::{ProgramCopy, ProgramText};
 use crate::switches::Switched;
 
-/// What is attached.
+/// Content of an attachment.
 enum Content {
     Text(Vec<u8>),
     File(Arc<ProgramCopy>),
@@ -38,7 +38,7 @@ pub(super) struct Tracks {
     /// Files of later jobs, and the block with which each begins.
     pub(super) files: VecDeque<(u32, ProgramText)>,
     outside: VecDeque<ExternalEvent>,
-    /// Switches that planners have read on with, and their jobs.
+    /// Changed switches with which planners continued, and their jobs.
     switched: VecDeque<(u32, Switched)>,
     /// Texts and files to attach, by name.
     attachments: VecDeque<(String, Content)>,
@@ -87,7 +87,7 @@ impl Tracks {
             FeederEvent::Switched(job, switched) => self.switched.push_back((job, switched)),
             FeederEvent::Attach(name, text) => self.attachments.push_back((name, Content::Text(text))),
             FeederEvent::AttachFile(name, file) => self.attachments.push_back((name, Content::File(file))),
-            // They are not requested here.
+            // Only for the recorder itself, or not requested.
             FeederEvent::NextFile(_)
             | FeederEvent::Queued(_)
             | FeederEvent::Modal(..)
@@ -157,7 +157,7 @@ impl Tracks {
                 change.out_mm,
                 change.reason.text()
             );
-            // The first digits of a state's number distinguish turning from the cycle.
+            // The leading digits of a state's number distinguish turning from the cycle.
             let code = TURNING_STATES + change.to as u32;
             recorder.event(&event(EventKind::State, code, text, Some(change.load)))?;
         }
@@ -170,7 +170,7 @@ impl Tracks {
         self.follow_block(recorder, sample)
     }
 
-    /// What the program has announced of where it is now.
+    /// Records the notices of a program up to its present position.
     fn record_notices(
         &mut self,
         recorder: &mut Recorder,
@@ -192,7 +192,7 @@ impl Tracks {
                     } else {
                         EventKind::Command
                     },
-                    // Messages and commands are marked with their line.
+                    // The code of messages and actions is their line.
                     code: notice.line,
                     text: notice.text,
                     value: None,
@@ -201,7 +201,7 @@ impl Tracks {
         }
     }
 
-    /// What came from outside, once its cycle has been recorded.
+    /// Records events from outside once their cycle is recorded.
     fn record_outside(&mut self, recorder: &mut Recorder, cycle: &CycleRecord) -> Result<(), RecordError> {
         while self
             .outside
@@ -230,7 +230,7 @@ impl Tracks {
         Ok(())
     }
 
-    /// What planners have read on with. It is ahead of the machine, so it stands where it was heard.
+    /// Records changed switches. The planner is ahead of the machine, so they are recorded where they arrive.
     fn record_switched(
         &mut self,
         recorder: &mut Recorder,
@@ -250,13 +250,13 @@ impl Tracks {
         Ok(())
     }
 
-    /// Attaches what jobs have begun with. It has to be there before the job's event is.
+    /// Attaches the inputs of jobs, which must be there before the job's event.
     pub(super) fn attach(&mut self, recorder: &mut Recorder, time_ns: u64) -> Result<(), RecordError> {
         while let Some((name, content)) = self.attachments.front() {
             match content {
                 Content::Text(text) => recorder.attach_text(name, time_ns, text)?,
                 Content::File(copy) => match copy.look() {
-                    // Nothing waits for it.
+                    // The copy is still in progress and is not awaited.
                     None => return Ok(()),
                     Some(Ok(file)) => recorder.attach_program(name, time_ns, &copy.path, &file)?,
                     Some(Err(reason)) => {
@@ -270,7 +270,7 @@ impl Tracks {
         Ok(())
     }
 
-    /// Waits for copies of programs that belong to the file that ends; each is given up where nothing comes.
+    /// Waits for copies of programs that belong to the file that ends; each is given up if no data arrives.
     pub(super) fn wait_for_copies(&self) {
         let attached = self.attachments.iter().filter_map(|(_, content)| match content {
             Content::File(copy) => Some(copy),
@@ -283,18 +283,18 @@ impl Tracks {
         }
     }
 
-    /// A block begins with the first setpoint that moves along it, and ends with that of a later one, a dwell
-    /// or a program stop.
+    /// A block begins with the first setpoint that moves along it, and ends with the first of a later block,
+    /// of a dwell or of a program stop.
     fn follow_block(&mut self, recorder: &mut Recorder, sample: &CycleSample) -> Result<(), RecordError> {
         let between = [State::Idle, State::Dwell, State::ProgramStop].map(|state| state as u8);
-        // A jog or homing shows the block of the job before, or that of the next where there was none.
+        // A jog or homing shows the block of the preceding job, or of the next one if there was none.
         let is_steered = sample.record.inputs & inputs::STEERS != 0;
         if is_steered || between.contains(&sample.record.state) {
             self.close_block(sample.record.due_time_ns, sample.record.sequence);
             return self.write_blocks(recorder);
         }
         let open = self.block.map(|open| open.block).or(self.last_closed);
-        // At rest between two steps the next block is named already.
+        // At rest between two steps, the setpoint already names the next block.
         let moves = sample.record.feed_mm_s > 0.0;
         if !moves || open.is_some_and(|open| open >= sample.block) {
             return Ok(());
@@ -316,8 +316,8 @@ impl Tracks {
         }
     }
 
-    /// Writes the blocks that are closed and whose plans have come; those shorter than a cycle, which have no
-    /// setpoint of their own, with no duration.
+    /// Writes complete blocks whose plans have arrived. Blocks shorter than a cycle, which have no setpoint
+    /// of their own, are written with no duration.
     fn write_blocks(&mut self, recorder: &mut Recorder) -> Result<(), RecordError> {
         while let (Some(plan), Some(span)) = (self.plans.front().copied(), self.closed.front().copied()) {
             if plan.block > span.block {
@@ -365,7 +365,7 @@ impl Tracks {
         self.attach(recorder, time_ns)?;
         self.record_switched(recorder, time_ns, end.saturating_sub(1))?;
         self.record_notices(recorder, time_ns, end.saturating_sub(1))?;
-        // What took effect with the last setpoints.
+        // Events that took effect with the last setpoints.
         while let Some(sequence) = self.outside.front().map(|outside| outside.sequence) {
             let last = CycleRecord {
                 sequence,
@@ -379,7 +379,7 @@ impl Tracks {
         };
         recorder.log(time_ns, LogLevel::Error, text)?;
         if *alarm == Alarm::Guard {
-            // Recorded at the cycle that was refused.
+            // Already recorded at the rejected cycle.
             return Ok(());
         }
         recorder.event(&EventRecord {

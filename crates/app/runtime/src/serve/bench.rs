@@ -1,4 +1,4 @@
-//! Operator and cycle of a machine in one thread, in time of their own, for tests.
+//! Operator and cycle of a machine on one thread, in simulated time, for tests.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -26,23 +26,23 @@ use crate::signal_loop::{InputSource, SignalLoop};
 
 pub(super) const PERIOD_NS: u64 = 1_000_000;
 
-/// The drives of a machine, and the bridge before them.
+/// The drives of a machine, and their bridge.
 pub(super) trait Drives {
-    /// What they report at the beginning of a period; none where no bridge is heard.
+    /// Their feedback at the beginning of a period; `None` if no bridge sends any.
     fn report(&mut self, period: u64) -> Option<Feedback>;
 
-    /// What the cycle has computed for them in it.
+    /// Receives the cycle's result for the period.
     fn receive(&mut self, computed: &Computed, period: u64);
 }
 
-/// Drives that follow at once.
+/// Drives that follow without delay.
 #[derive(Default)]
 pub(super) struct BenchDrives {
-    /// Axes that have drives; without any no bridge is heard.
+    /// Axes with drives; if empty, there is no bridge.
     pub(super) axes: AxisMask,
     /// The drives are in fault.
     pub(super) has_fault: bool,
-    /// The axes are blocked where they were first.
+    /// The axes are blocked at their initial position.
     pub(super) is_blocked: bool,
     received: Option<Computed>,
     last_reply: Feedback,
@@ -61,7 +61,7 @@ impl Drives for BenchDrives {
 }
 
 impl BenchDrives {
-    /// What they reply to a setpoint.
+    /// The drives' feedback to a setpoint.
     fn reply(&self, last: &Computed) -> Feedback {
         let power = last.drive.power;
         let (state, bridge) = match power {
@@ -88,15 +88,15 @@ impl BenchDrives {
     }
 }
 
-/// What stands on the bench.
+/// The equipment of a bench.
 pub(super) struct Equipment<D> {
     pub(super) drives: D,
     pub(super) watch: WatchSettings,
-    /// Where the axes stand.
+    /// Initial position of the axes.
     pub(super) place: Axes,
     pub(super) has_signals: bool,
-    /// The desk hears the drives too, whose reports are of real time: so is its own time. Otherwise its time
-    /// is that of the cycles.
+    /// The control thread receives the feedback too. Feedback carries real time, so the control thread then
+    /// uses real time as well; otherwise it uses the time of the cycles.
     pub(super) is_heard_at_desk: bool,
 }
 
@@ -105,7 +105,7 @@ pub(super) struct Bench<D = BenchDrives> {
     pub(super) operator: Operator,
     pub(super) cycle: ServedCycle,
     views: Consumer<CycleView>,
-    /// The newest view, where the desk looked before it came.
+    /// The newest view, if the control thread ran before it arrived.
     withheld: Option<CycleView>,
     events: Consumer<CycleEvent>,
     answers: Consumer<Feedback>,
@@ -113,7 +113,7 @@ pub(super) struct Bench<D = BenchDrives> {
     to_cycle: Producer<Feedback>,
     inputs: Producer<InputImage>,
     pub(super) drives: D,
-    /// The power of the drives with the last setpoint.
+    /// The power request published with the last setpoint.
     pub(super) power: PowerRequest,
     _folder: tempfile::TempDir,
     counts: CycleCounts,
@@ -245,7 +245,7 @@ impl<D: Drives> Bench<D> {
         }
     }
 
-    /// The emergency-stop chain opens before the next cycle, which finds it so.
+    /// Opens the emergency-stop chain before the next cycle.
     pub(super) fn opens_chain(&mut self) {
         self.inputs.push(chain_input(false)).unwrap();
     }
@@ -257,12 +257,12 @@ impl<D: Drives> Bench<D> {
         }
     }
 
-    /// Whether it was accepted.
+    /// Sends a request; returns whether it was accepted.
     pub(super) fn says(&mut self, client: u64, request: ControlRequest) -> bool {
         self.reply(client, request).is_none()
     }
 
-    /// The alarm with which it was rejected, if it was.
+    /// Sends a request; returns the alarm of its rejection, if any.
     pub(super) fn reply(&mut self, client: u64, mut request: ControlRequest) -> Option<u32> {
         self.serial += 1;
         (request.client, request.serial) = (client, self.serial);
@@ -272,7 +272,7 @@ impl<D: Drives> Bench<D> {
             .map(|answer| answer.alarm)
     }
 
-    /// The time at the desk.
+    /// The time of the control thread.
     fn desk_ns(&self) -> u64 {
         if self.to_desk.is_some() {
             MonotonicClock::now_ns()
@@ -302,7 +302,7 @@ impl<D: Drives> Bench<D> {
             .collect()
     }
 
-    /// One cycle more, which ends while the desk takes in the views of those before it.
+    /// Runs one cycle, which ends while the control thread takes in the views of earlier cycles.
     pub(super) fn ticks_beside_a_cycle(&mut self) {
         let now_ns = self.desk_ns();
         let (views, events, answers) = (&mut self.views, &mut self.events, &mut self.answers);
@@ -319,7 +319,7 @@ impl<D: Drives> Bench<D> {
         (self.last, self.power) = (computed.setpoint, computed.drive.power);
     }
 
-    /// The desk looks when the last cycle has reported its events, and its view is still to come.
+    /// Runs the control thread after the last cycle has reported its events and before its view arrives.
     pub(super) fn ticks_before_the_last_view(&mut self) {
         let (mut to_desk, mut views) = RingBuffer::new(64);
         let withheld = self.withheld.take();
@@ -336,7 +336,7 @@ impl<D: Drives> Bench<D> {
         self.operator.tick(now_ns, &mut views, events, answers, |_| {});
     }
 
-    /// One cycle after the other, each seen at the desk.
+    /// Runs cycles, with one pass of the control thread after each.
     pub(super) fn runs_seen(&mut self, cycles: u64) {
         for _ in 0..cycles {
             self.runs(1);
@@ -352,7 +352,7 @@ fn chain_input(is_closed: bool) -> InputImage {
     image
 }
 
-/// One cycle with its drives: what they reported before it, and what it has computed for them.
+/// Runs one cycle with the drives: passes their feedback in and the result back.
 fn run_cycle(
     cycle: &mut ServedCycle,
     drives: &mut impl Drives,

@@ -1,5 +1,4 @@
-//! Requests in the order in which they are answered: what cannot wait overtakes a command whose files are
-//! being read.
+//! The order in which requests are answered: urgent ones overtake a command that waits for its files.
 
 use std::collections::VecDeque;
 
@@ -7,15 +6,15 @@ use evolvent_bus::{ControlCall, ControlRequest};
 
 use super::operator::Operator;
 
-/// Requests that wait after a command whose files are being read, of all clients.
+/// Maximum number of requests, of all clients, that wait for a command whose files are being read.
 const MAX_WAITING: usize = 32;
 
-/// Requests that have no answer yet.
+/// Requests without an answer yet.
 #[derive(Debug, Default)]
 pub(super) struct Calls {
-    /// They have arrived, and nobody has looked at them.
+    /// Received, but not looked at yet.
     arrived: VecDeque<ControlCall>,
-    /// Its files are being read.
+    /// The command whose files are being read.
     reading: Option<ControlCall>,
     waiting: VecDeque<ControlCall>,
 }
@@ -29,13 +28,13 @@ impl Calls {
         self.arrived.len()
     }
 
-    /// Answers what has arrived: clients that stop the machine first, then up to `most` others.
+    /// Answers the requests received: first all of clients that stop the machine, then up to `most` others.
     pub(super) fn answer_arrived(&mut self, operator: &mut Operator, now_ns: u64, most: usize) {
         while let Some(client) = (self.arrived.iter())
             .find(|call| Operator::stops_machine(call.request()))
             .map(|call| call.request().client)
         {
-            // What it sent before comes before: its serial numbers grow.
+            // The client's earlier requests come first, because its serial numbers increase.
             let is_same = |call: &ControlCall| call.request().client == client;
             if let Some(call) = (self.arrived.iter().position(is_same)).and_then(|at| self.arrived.remove(at))
             {
@@ -50,14 +49,14 @@ impl Calls {
         }
     }
 
-    /// Answers a request, or keeps it.
+    /// Answers a request, or keeps it until it can be answered.
     fn take(&mut self, call: ControlCall, operator: &mut Operator, now_ns: u64) {
         if self.reading.is_none() || Operator::is_urgent(call.request()) {
             self.ask(call, operator, now_ns);
             return;
         }
-        // Each client waits for its answer before it sends the next command; one that does not gets an answer
-        // at once, so that it cannot take the place of others.
+        // A client must wait for its answer before it sends the next command. One that does not is answered
+        // at once, so that it cannot use up the capacity of others.
         let is_same = |other: &ControlCall| other.request().client == call.request().client;
         let is_crowded = self.waiting.len() >= MAX_WAITING
             || self.waiting.iter().any(is_same)
@@ -70,7 +69,7 @@ impl Calls {
         }
     }
 
-    /// Answers what has become ready since the last time.
+    /// Answers the requests that have become ready since the last call.
     pub(super) fn go_on(&mut self, operator: &mut Operator, now_ns: u64) {
         loop {
             if self.reading.is_some() {

@@ -1,21 +1,21 @@
-//! A tool change under way, in a file of its own: after a power cut in the middle, the tool in the spindle is
-//! not known.
+//! A file that marks a tool change in progress. If power is lost during the change, the tool in the spindle
+//! is unknown.
 
 use std::path::{Path, PathBuf};
 
 use evolvent_config::read_regular;
 use evolvent_gcode::{StoreError, replace_file};
 
-/// Name of the file in the state folder. It exists from the beginning of a change to its end.
+/// Name of the file in the state folder. It exists while a change is in progress.
 const FILE: &str = "tool-change";
 
-/// Longest file that is one, bytes.
+/// Maximum length of a valid file, bytes.
 const MAX_BYTES: u64 = 200;
 
-/// Greatest number of a tool.
+/// Highest tool number.
 const MAX_TOOL: u32 = 99_999;
 
-/// The tools of a change that has begun and is not known to be done; none of a file that cannot be read.
+/// The tools of a change that began and is not known to be complete; `None` if the file cannot be read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ChangeMark {
     pub tools: Option<(u32, u32)>,
@@ -32,7 +32,7 @@ impl ChangeMark {
         folder.join(FILE)
     }
 
-    /// The change that was under way when the core last ended, if one was. What cannot be read was one, too.
+    /// The change that was in progress when the core last ended, if any. An unreadable file counts as one.
     pub(crate) fn read(folder: &Path) -> Option<Self> {
         let bytes = match read_regular(&Self::file(folder), MAX_BYTES) {
             Ok(bytes) => bytes,
@@ -49,10 +49,10 @@ impl ChangeMark {
         Some(Self { tools })
     }
 
-    /// The tool in the spindle is not known, because what kept it cannot be read.
+    /// The tool in the spindle is unknown because its record cannot be read.
     pub(crate) const UNKNOWN: Self = Self { tools: None };
 
-    /// Writes the file, on the disk when this returns.
+    /// Writes the file and syncs it to disk.
     pub(crate) fn write(self, folder: &Path) -> Result<(), StoreError> {
         let text = match self.tools {
             Some((from, to)) => format!("from {from} to {to}\n"),
@@ -61,7 +61,7 @@ impl ChangeMark {
         replace_file(&Self::file(folder), &text)
     }
 
-    /// The change is done, or was never begun.
+    /// Removes the file: the change is complete, or never began.
     pub(crate) fn remove(folder: &Path) -> Result<(), StoreError> {
         let file = Self::file(folder);
         match std::fs::remove_file(&file) {
@@ -73,7 +73,7 @@ impl ChangeMark {
         }
     }
 
-    /// What is not known, and what to do.
+    /// What is unknown, and the remedy.
     pub(crate) fn sentence(self) -> String {
         format!(
             "{}, so it is not known which tool is in the spindle: look, see that the changer is clear, and \
@@ -82,8 +82,8 @@ impl ChangeMark {
         )
     }
 
-    /// The same behind the reason, which comes first: the status has room for one sentence, and the advice is
-    /// that of the alarm.
+    /// The same after `failure`, which comes first: the status holds one sentence, and the alarm adds the
+    /// advice.
     pub(crate) fn sentence_behind(self, failure: &str) -> String {
         format!("{failure}; {}: name the tool by MDI, such as M61 Q3", self.what())
     }

@@ -1,5 +1,5 @@
-//! Long programs are checked beside, while the machine stands or is jogged; no program starts before it is
-//! checked.
+//! Long programs are checked on a separate thread, while the machine is stopped or jogged. No program starts
+//! before its check is complete.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -18,17 +18,17 @@ use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::rt::take_turns;
 
-/// What was looked at of a program without a known error.
+/// How much of a program without a known error was checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Coverage {
     /// All of it.
     Whole,
-    /// A part, and why no more.
+    /// A part, and the reason why the check ended there.
     Part(Unchecked),
 }
 
 impl Coverage {
-    /// What to say of the rest, if there is any.
+    /// A caution about the unchecked part, if any.
     pub(super) fn caution(&self) -> Option<String> {
         match self {
             Self::Whole => None,
@@ -37,26 +37,26 @@ impl Coverage {
     }
 }
 
-/// What a check came to.
+/// Result of a check.
 pub(super) type CheckVerdict = Result<Coverage, Rejection>;
 
-/// A check under way, or what it came to.
+/// A check in progress, or its result.
 #[derive(Debug)]
 pub(super) struct Checking {
     look: Look,
-    /// What offsets and tools were then.
+    /// Offsets and tools when the check began.
     memory: ProgramMemory,
-    /// Which axes were not homed then: their positions were not checked.
+    /// Axes that were not homed when the check began; their positions were not checked.
     unhomed: AxisMask,
     verdict: Option<CheckVerdict>,
-    /// Whether [`Checking::finding`] has told the verdict.
+    /// Whether [`Checking::finding`] has returned the verdict.
     is_told: bool,
     result: Receiver<CheckVerdict>,
     superseded: Arc<AtomicBool>,
 }
 
 impl Checking {
-    /// Begins to check a program on a thread of its own.
+    /// Starts to check a program on a separate thread.
     pub(super) fn begin(look: Look, setup: &Setup) -> Result<Self, Rejection> {
         let (sender, result) = mpsc::channel();
         let superseded = Arc::new(AtomicBool::new(false));
@@ -81,13 +81,13 @@ impl Checking {
         })
     }
 
-    /// Whether it is about this program as it is now, with the offsets, tools and homed axes of now.
+    /// Whether the check is about the current file, offsets, tools and homed axes.
     pub(super) fn is_about(&self, look: &Look, setup: &Setup) -> bool {
         *look == self.look && self.memory == setup.memory && self.unhomed == setup.unhomed
     }
 
-    /// What is wrong with the program, or which part could not be checked. Returned once, independent of the
-    /// verdict.
+    /// What is wrong with the program, or which part could not be checked. Returned once;
+    /// [`Checking::verdict`] is independent of it.
     pub(super) fn finding(&mut self) -> Option<Finding> {
         if self.is_told {
             return None;
@@ -100,12 +100,12 @@ impl Checking {
         finding
     }
 
-    /// What to say to whoever starts it.
+    /// The caution for the client that starts the program.
     pub(super) fn caution(&self) -> Option<String> {
         self.verdict.as_ref()?.as_ref().ok()?.caution()
     }
 
-    /// What it came to; none while it is under way.
+    /// The verdict; `None` while the check is in progress.
     pub(super) fn verdict(&mut self) -> Option<&CheckVerdict> {
         if self.verdict.is_none() {
             self.verdict = match self.result.try_recv() {
@@ -121,12 +121,12 @@ impl Checking {
     }
 }
 
-/// What a check has to tell.
+/// What a check reports.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Finding {
     /// The program does not start.
     Objection(String),
-    /// It does, but a part of it was not checked.
+    /// The program starts, but part of it was not checked.
     Caution(String),
 }
 
@@ -136,7 +136,7 @@ impl Drop for Checking {
     }
 }
 
-/// The errors that program text and machine raise against a program; its lines count from an offset.
+/// Checks a program against the language and the machine. Line numbers in errors count from an offset.
 pub(super) fn judge(
     file: &Path,
     setup: &Setup,
@@ -163,7 +163,7 @@ pub(super) fn judge(
 mod tests {
     use super::*;
 
-    /// A check of no file, which comes to what is sent.
+    /// A check without a file, whose verdict is what the sender sends.
     fn checking() -> (mpsc::Sender<CheckVerdict>, Checking) {
         let (sender, result) = mpsc::channel();
         let look = Look {

@@ -1,4 +1,4 @@
-//! Commands of clients: judged, carried out and answered.
+//! Commands of clients: checked, carried out and answered.
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Payload};
 use evolvent_control::{
@@ -12,8 +12,8 @@ use super::orders::CycleCommand;
 use crate::news::ExternalEventKind;
 
 impl Operator {
-    /// Judges a request and carries it out.
-    /// The answer; `None` while files are being read for it, until [`Operator::finish_reading`] gives it.
+    /// Checks a request and carries it out. Returns the answer; `None` while its files are being read, until
+    /// [`Operator::finish_reading`] returns it.
     pub(crate) fn answer(&mut self, request: &ControlRequest, now_ns: u64) -> Option<ControlAnswer> {
         if !request.is_compatible() {
             self.malformed += 1;
@@ -52,8 +52,8 @@ impl Operator {
         Some(self.composed(request, carried_out))
     }
 
-    /// A command whose orders did not fit into the queue is refused, except the emergency stop, which they
-    /// have become.
+    /// Rejects a command whose orders did not fit into the queue, except the emergency stop, which such
+    /// orders cause anyway.
     pub(super) fn unless_lost(&mut self, command: &Command, job: u64) -> Result<u64, Rejection> {
         if self.give_up_lost_orders() && *command != Command::Estop {
             return Err(Alarm::OrdersLost.into());
@@ -71,7 +71,7 @@ impl Operator {
         }
     }
 
-    /// The answer to a request: the job that it begins, or why it is refused.
+    /// The answer to a request: the job that it begins, or the reason for its rejection.
     pub(super) fn composed(
         &self,
         request: &ControlRequest,
@@ -110,7 +110,7 @@ impl Operator {
         );
     }
 
-    /// Does what a command says; the number of the job that it begins, or 0.
+    /// Carries a command out. Returns the number of the job that it begins, or 0.
     pub(super) fn carry_out(
         &mut self,
         command: &Command,
@@ -163,7 +163,7 @@ impl Operator {
             Command::BlockDelete(on) => self.program.switches.set_block_delete(*on),
             Command::RapidOverride(ratio) => self.program.switches.set_rapid_override(*ratio),
             Command::Handwheel { axis, step } => self.choose_handwheel(*axis, *step)?,
-            // Those with files are carried out when they have been read.
+            // Commands with files are carried out after the files were read.
             Command::Load(_)
             | Command::Start(_)
             | Command::Mdi(_)
@@ -172,7 +172,7 @@ impl Operator {
             | Command::Tool(_)
             | Command::ReloadTools
             | Command::SetMode(_)
-            // An order to the cycle, but for the end of a jog that has ended.
+            // These are orders to the cycle, except JOG_STOP after its jog has ended.
             | Command::Estop
             | Command::EstopReset
             | Command::SetOutput { .. }
@@ -189,8 +189,8 @@ impl Operator {
         Ok(job)
     }
 
-    /// The order to the cycle that is all a command comes to, beside what changes at the desk; none for other
-    /// commands.
+    /// The order to the cycle that carries a command out, apart from changes of the operator's state; `None`
+    /// for other commands.
     fn order_of(&mut self, command: &Command) -> Result<Option<CycleCommand>, Rejection> {
         Ok(Some(match command {
             Command::Estop => {
@@ -199,7 +199,7 @@ impl Operator {
             }
             Command::EstopReset => CycleCommand::LeaveEstop,
             Command::SetOutput { name, value } => CycleCommand::Outputs(self.output_change(name, *value)?),
-            // Where the drives are is where the core is: the cycle sees to it without power.
+            // Without power the cycle follows the drives, so the core is already where they are.
             Command::On => CycleCommand::Power(PowerRequest::On),
             Command::Off => {
                 self.switch_periphery_off();
@@ -243,8 +243,8 @@ impl Operator {
     }
 }
 
-/// Whether a command is carried out however far the cycle is behind: it stops something. Its orders go past
-/// the queue, or take one place in it however often it comes.
+/// Whether a command is carried out however far the cycle lags behind, because it stops something. Its orders
+/// bypass the queue, or occupy one entry in it however often the command comes.
 const fn is_always_carried_out(command: &Command) -> bool {
     matches!(
         command,

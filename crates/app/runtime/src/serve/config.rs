@@ -7,9 +7,9 @@ use crate::job::Setup;
 /// How a machine is served.
 #[derive(Clone, Debug)]
 pub struct ServeConfig {
-    /// The machine at its rate.
+    /// The machine with its rate.
     pub setup: Setup,
-    /// iceoryx2's prefix; none for iceoryx2's own.
+    /// Prefix of iceoryx2; `None` for iceoryx2's default.
     pub bus_prefix: Option<String>,
     /// Where the trace goes.
     pub trace: TraceTo,
@@ -22,14 +22,14 @@ pub struct ServeConfig {
 pub enum TraceTo {
     /// Nothing is recorded.
     Nowhere,
-    /// The whole session in one file, without a bound.
+    /// The whole session in one file of unlimited size.
     File(PathBuf),
-    /// `NAME-TIME.mcap` in this folder: a new file every hour, where nothing moves. The oldest files of this
-    /// machine are removed before all of them together take more than the bound.
+    /// `NAME-TIME.mcap` in this folder: a new file every hour, begun while nothing moves. The oldest files of
+    /// this machine are removed before all of them together exceed the limit.
     Folder {
-        /// The folder; it is made.
+        /// The folder; it is created if missing.
         folder: PathBuf,
-        /// The bound, bytes.
+        /// The limit, bytes.
         limit_bytes: u64,
     },
 }
@@ -37,8 +37,8 @@ pub enum TraceTo {
 /// Messages while a machine is served.
 #[derive(Clone, Copy, Debug)]
 pub enum ServeNews<'a> {
-    /// It takes commands from now on; the first trace file, if there is one.
+    /// Commands are accepted from now on. Carries the first trace file, if any.
     Ready(Option<&'a Path>),
-    /// What the user should know.
+    /// A note to the user.
     Note(&'a str),
 }

@@ -21,19 +21,18 @@ use crate::pacing::wake_interval_ns;
 use crate::publish_report::PublishReport;
 use crate::rt::MonotonicClock;
 
-/// Time between two looks of the control thread, at most and at least: so long a command waits at most on a
-/// host that is not busy. In between it is a quarter of the period, so that a hold takes no more than lead
-/// and two cycles.
+/// Poll interval of the control thread, at most and at least; in between it is a quarter of the period. It
+/// bounds the latency of commands on an idle host: a hold takes effect within the lead and two cycles.
 pub(super) const CONTROL_EVERY: Duration = Duration::from_micros(500);
 const CONTROL_EVERY_AT_LEAST: Duration = Duration::from_micros(100);
-/// Requests that are answered in one look at most, beside those that stop the machine.
+/// Maximum number of requests answered in one pass, in addition to those that stop the machine.
 const MAX_REQUESTS: usize = 32;
-/// Requests that wait for an answer at most: more than all clients may have sent.
+/// Maximum number of unanswered requests: more than all clients together may send.
 const MAX_ARRIVED: usize = 1024;
-/// How long coming to rest may take before the process ends anyway.
+/// The process ends after this time even if the axes have not stopped.
 const END_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// What cycle and publisher tell control.
+/// Queues from cycle and publisher to the control thread.
 pub(super) struct ControlQueues {
     pub views: Consumer<CycleView>,
     pub events: Consumer<CycleEvent>,
@@ -49,16 +48,16 @@ pub(super) struct ControlLoop {
     pub status: StatusWriter,
     pub trace: Option<SessionTrace>,
     pub manager: SystemdNotifier,
-    /// What the publisher counted so far, and its readers.
+    /// The publisher's counts so far, and the number of its readers.
     pub published: (PublishReport, usize),
     calls: Calls,
     pub pulse: Pulse,
-    /// Whether it was told that messages of inputs, and of spindles, are discarded.
+    /// Whether the user was notified of discarded messages about inputs, and about spindles.
     refused_told: [bool; 2],
-    /// Whether it was told that the connection of a client is damaged.
+    /// Whether the user was notified of the damaged connection of a client.
     is_damage_told: bool,
     next_sign: Instant,
-    /// The setpoint at the last sign of life.
+    /// The setpoint at the last watchdog message.
     seen: u64,
 }
 
@@ -88,7 +87,7 @@ impl ControlLoop {
         }
     }
 
-    /// Until the cycle has ended, which `stop` makes it do, or does not end in time.
+    /// Runs until the cycle has ended, which `stop` requests, or until it has failed to end in time.
     pub(super) fn run(
         &mut self,
         setup: &Setup,
@@ -120,7 +119,7 @@ impl ControlLoop {
             }
             let is_over = is_cycle_over();
             if is_over {
-                // What the last cycles reported after the desk had looked.
+                // Events that the last cycles reported after the previous pass.
                 self.look(now_ns);
             }
             self.status
@@ -133,7 +132,7 @@ impl ControlLoop {
         }
     }
 
-    /// Takes in what the cycle has reported.
+    /// Takes in the reports of the cycle.
     fn look(&mut self, now_ns: u64) {
         let queues = &mut self.queues;
         let (pulse, period_ns) = (&mut self.pulse, self.operator.setup.period_ns);
@@ -146,17 +145,18 @@ impl ControlLoop {
         );
     }
 
-    /// Answers what clients ask. Commands are judged by what the newest cycle has left.
+    /// Answers requests. Commands are checked against the state after the newest cycle.
     fn answer(&mut self, now_ns: u64, tell: &mut impl FnMut(ServeNews<'_>)) {
         self.look(now_ns);
-        // All that wait before any is answered: clients that send as fast as they get answers would keep
-        // others waiting.
+        // Receives all waiting requests before it answers any: otherwise clients that send the next request
+        // upon each answer would keep others waiting.
         while self.calls.arrived() < MAX_ARRIVED {
             match self.server.receive() {
                 Ok(Some(call)) => self.calls.arrive(call),
                 Ok(None) => break,
                 Err(error) => {
-                    // Once: notes that nobody reads would fill their pipe and block this thread.
+                    // Notified once: repeated notes that nobody reads would fill their pipe and block this
+                    // thread.
                     if !std::mem::replace(&mut self.is_damage_told, true) {
                         tell(ServeNews::Note(&error.to_string()));
                     }
@@ -168,8 +168,8 @@ impl ControlLoop {
         self.calls.go_on(&mut self.operator, now_ns);
     }
 
-    /// Tells once that messages of bridges are discarded: their signals are unknown, and nothing else says
-    /// why.
+    /// Notifies the user once that messages of bridges are discarded. Nothing else would say why their
+    /// signals are unknown.
     fn tell_refused(&mut self, tell: &mut impl FnMut(ServeNews<'_>)) {
         let (inputs, spindles) = (self.published.0.refused_inputs, self.published.0.refused_spindles);
         let faults = [
@@ -190,7 +190,7 @@ impl ControlLoop {
         }
     }
 
-    /// Of the cycle, not of this thread alone.
+    /// The watchdog message depends on progress of the cycle, not of this thread alone.
     fn give_sign(&mut self) {
         let sequence = self.operator.view.setpoint.sequence;
         if let Some(every) = self.manager.watchdog

@@ -1,4 +1,4 @@
-//! What the drives reported last.
+//! The drives' last feedback.
 
 use evolvent_bus::Feedback;
 use evolvent_control::HomingSample;
@@ -10,33 +10,33 @@ use super::orders::CycleView;
 /// New coordinates of axes at rest.
 pub(super) struct Renaming {
     pub(super) datum: u64,
-    /// Axes to which they give machine zero.
+    /// Axes that this homes.
     pub(super) zeroed: AxisMask,
-    /// Where the axes stand by them.
+    /// Position of the axes in the new coordinates.
     pub(super) stand: Axes,
-    /// [`DriveView::home_offset`] with them.
+    /// [`DriveView::home_offset`] after it.
     pub(super) home_offset: Axes,
 }
 
-/// The newest feedback that can be true, and by which coordinates the drives count.
+/// The newest plausible feedback, and the coordinates that the drives use.
 pub(super) struct DriveView {
     pub(super) feedback: Option<Feedback>,
     bounds: FeedbackBounds,
-    /// The datum that the last renaming leads to.
+    /// The datum of the last renaming.
     pub(super) datum: u64,
-    /// Axes to which that renaming gives machine zero: they are homed once the drives show it.
+    /// Axes whose machine zero that renaming sets. They are homed once the drives report the new coordinates.
     pub(super) zeroed: AxisMask,
-    /// Where the axes stand by the new coordinates.
+    /// Position of the axes in the new coordinates.
     stand: Axes,
-    /// The order to rename, until the cycle has taken it.
+    /// The order to rename; `None` once the cycle has taken it.
     order: Option<u64>,
     /// `home_offset` before that order.
     before: Axes,
-    /// What was ordered to be added to the axes' coordinates, until that has been done.
+    /// What a pending order adds to the axes' coordinates; zero once the cycle has applied it.
     pub(super) renaming: Axes,
-    /// Machine coordinates of the drives' first datum, less those of now.
+    /// Machine coordinates of the drives' first datum minus the present ones.
     pub(super) home_offset: Axes,
-    /// Number of the next request for an index pulse, and the axis of the last.
+    /// Number of the next request for an index pulse, and the axis of the last request.
     pub(super) next_index: u32,
     pub(super) index_axis: Option<usize>,
 }
@@ -58,16 +58,17 @@ impl DriveView {
         }
     }
 
-    /// Takes feedback in, in ideal coordinates; none where it cannot be true.
+    /// Takes feedback and converts it to ideal coordinates. Returns `None` if it is implausible.
     pub(super) fn take(&mut self, mut feedback: Feedback, view: &CycleView, now_ns: u64) -> Option<Feedback> {
-        // What cannot be true is neither shown nor homed by. The cycle's watch reports it.
+        // Implausible feedback is neither shown nor used for homing. The cycle's watch reports it.
         if self.bounds.check(now_ns, &feedback).is_err() {
             return None;
         }
         if let Some(shift) = &view.shift {
             feedback.index_position -= self.index_axis.map_or(0.0, |axis| shift[axis]);
-            // As of the newest setpoint, a few periods before the feedback: what the correction changes
-            // meanwhile is as much smaller than that way as errors of a machine are than its travel.
+            // The shift is that of the newest setpoint, a few periods later than the feedback. The correction
+            // changes in that time by a fraction of the distance moved, as small as the machine's errors
+            // relative to its travel.
             for (position, shift) in feedback.position.iter_mut().zip(shift.iter()) {
                 *position -= shift;
             }
@@ -76,16 +77,16 @@ impl DriveView {
         Some(feedback)
     }
 
-    /// New coordinates were ordered, which change `home_offset`.
+    /// Notes an order for new coordinates, which change `home_offset`.
     pub(super) fn renames(&mut self, order: u64, renaming: &Renaming) {
         (self.order, self.datum) = (Some(order), renaming.datum);
         (self.zeroed, self.stand) = (renaming.zeroed, renaming.stand);
         self.before = std::mem::replace(&mut self.home_offset, renaming.home_offset);
     }
 
-    /// The cycle has taken an order or will never do so, and has this datum. Returns `true` if it was an
-    /// order to rename that had no effect, because something stopped the axes at that moment or it did not
-    /// fit into the queue: the coordinates are as before.
+    /// The cycle, at this datum, has taken an order or will never take it. Returns `true` if the order was to
+    /// rename and had no effect, because something stopped the axes at that moment or the queue was full; the
+    /// coordinates are then unchanged.
     pub(super) fn is_refused(&mut self, order: u64, datum: u64) -> bool {
         if self.order.take_if(|renaming| *renaming == order).is_none() || datum >= self.datum {
             return false;
@@ -95,9 +96,9 @@ impl DriveView {
         true
     }
 
-    /// Axes whose new zero the drives show, once.
+    /// Axes whose new zero the drives report; each is returned once.
     pub(super) fn take_zeroed(&mut self, feedback: &Feedback, tolerance: impl Fn(usize) -> f64) -> AxisMask {
-        // Not where the core is: without power it stands wherever the drives say.
+        // Compares with the ordered position, not with the core's: without power the core follows the drives.
         let is_shown = |axis: usize| (feedback.position[axis] - self.stand[axis]).abs() <= tolerance(axis);
         if self.zeroed.axes().all(is_shown) {
             std::mem::replace(&mut self.zeroed, AxisMask::NONE)
@@ -106,13 +107,13 @@ impl DriveView {
         }
     }
 
-    /// Whether the drives count as the core does.
+    /// Whether the drives use the core's coordinates.
     pub(super) fn counts_as(&self, view: &CycleView, feedback: &Feedback) -> bool {
         view.datum == feedback.datum && view.datum >= self.datum
     }
 }
 
-/// What homing goes by.
+/// The feedback as homing needs it.
 pub(super) fn homing_sample(feedback: &Feedback) -> HomingSample {
     HomingSample {
         time_ns: feedback.time_ns,

@@ -1,4 +1,4 @@
-//! What the cycle reports, at the operator's desk.
+//! Handles the events of the cycle.
 
 use evolvent_control::{Alarm, JobResult};
 
@@ -42,7 +42,7 @@ impl Operator {
                     self.motion_ended(JobResult::Stopped);
                     return;
                 }
-                // What forbids it is known by itself.
+                // If something forbids the job, it has its own alarm.
                 if cause == NotBegun::Elsewhere && !self.desk.has_latched_alarm() {
                     self.raise(sequence, Alarm::Handover, Alarm::Handover.sentence().to_owned());
                 }
@@ -80,8 +80,8 @@ impl Operator {
         }
     }
 
-    /// Orders did not fit into the queue: the cycle has an emergency stop instead, and what they were to
-    /// begin is over. Returns whether there are any.
+    /// Handles orders that did not fit into the queue: the cycle received an emergency stop instead, and the
+    /// jobs that they were to begin end. Returns whether there were any.
     pub(super) fn give_up_lost_orders(&mut self) -> bool {
         let lost = self.book.take_lost();
         if lost.is_empty() {
@@ -103,7 +103,7 @@ impl Operator {
                     }
                 }
                 CycleCommand::Relocate { renames: true, .. } => {
-                    // The coordinates are as before. Homing is broken off below.
+                    // The coordinates are unchanged. Homing is cancelled below.
                     let _is_known = self.drives.is_refused(order.id, self.view.datum);
                 }
                 _ => {}
@@ -113,7 +113,7 @@ impl Operator {
         true
     }
 
-    /// The drives have lost power, or do so at rest: the machine is off.
+    /// The drives have lost power, or lose it at rest: the machine state becomes off.
     pub(super) fn lose_power(&mut self) {
         self.desk.drop_power();
         self.switch_off_at_rest();

@@ -1,4 +1,4 @@
-//! What other threads read, check and write for the operator.
+//! Work that other threads do on files for the operator.
 
 use std::sync::mpsc::Receiver;
 
@@ -6,18 +6,18 @@ use super::checking::Checking;
 use super::files::{Readers, Reading};
 use super::state_store::Saved;
 
-/// Work on files that is under way.
+/// File work in progress.
 #[derive(Default)]
 pub(super) struct FileWork {
     pub(super) readers: Readers,
     /// The command whose files are being read.
     pub(super) reading: Option<Reading>,
-    /// The check of a program that is long, or has a long loop.
+    /// The check of a program that is long or has a long loop.
     pub(super) checking: Option<Checking>,
-    /// What of programs could not be checked, for the log.
+    /// Parts of programs that could not be checked, for the log.
     pub(super) cautions: Vec<String>,
-    /// The way to the middle of the program, on its way.
+    /// The approach to a line in the middle of the program, while it is being computed.
     pub(super) way: Option<Receiver<String>>,
-    /// The tool in the spindle is being written.
+    /// Records of the tool in the spindle that are being written.
     pub(super) tool_savings: Vec<Receiver<Saved>>,
 }

@@ -1,4 +1,4 @@
-//! Files behind commands: another thread opens, reads and checks them, so that the control thread never waits
+//! Files that commands need. Another thread opens, reads and checks them, so the control thread never waits
 //! for a disk.
 
 use std::path::{Path, PathBuf};
@@ -21,18 +21,19 @@ use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::rt::take_turns;
 
-/// Programs up to this length are checked as a whole while the client waits, bytes.
+/// Maximum length of programs that are checked completely while the client waits, bytes.
 const SHORT: u64 = 64 * 1024;
 
-/// How long the files of one command may take. A single file has 5 s ([`evolvent_config::FILE_TIMEOUT`]), and
-/// its error names it; this bounds a folder that does not reply and a check on a busy host.
+/// Time limit for the files of one command. A single file has a limit of 5 s
+/// ([`evolvent_config::FILE_TIMEOUT`]), and its error names it; this limit is for a folder that does not
+/// respond and for a check on a busy host.
 pub(super) const READING_TIMEOUT: Duration = Duration::from_secs(8);
 
-/// Threads that hang in a file system at the same time. Each keeps a stack and a file until the file system
-/// replies.
+/// Maximum number of threads that hang in a file system at the same time. Each occupies a stack and an open
+/// file until the file system responds.
 const MAX_HUNG: usize = 8;
 
-/// What a program file looks like from outside: another look means another program.
+/// Metadata of a program file. Different metadata means a different program.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Look {
     pub(super) file: PathBuf,
@@ -40,20 +41,21 @@ pub(super) struct Look {
     pub(super) changed: Option<SystemTime>,
 }
 
-/// A program file as the reading thread has found it.
+/// A program file as read by the reading thread.
 #[derive(Debug)]
 pub(super) struct ProgramFile {
     pub(super) look: Look,
-    /// The text of a short one, for the trace.
+    /// The text of a short program, for the trace.
     pub(super) text: Option<Vec<u8>>,
-    /// What a short one came to. A long one, or one with a long loop, is checked while no client waits.
+    /// The verdict on a short program. A program that is long or has a long loop is checked while no client
+    /// waits.
     pub(super) verdict: Option<CheckVerdict>,
-    /// What the operator should know of it, whatever the verdict is.
+    /// Notes for the operator, whatever the verdict.
     pub(super) notes: Vec<String>,
 }
 
 impl ProgramFile {
-    /// `whole_bytes`: up to this length the text is read.
+    /// Opens a file. Its text is read if it has at most `whole_bytes`.
     fn open(file: &Path, whole_bytes: u64) -> Result<Self, Rejection> {
         let wrong = |error| {
             let text = format!("{}: {error}; name a readable part program", file.display());
@@ -80,7 +82,7 @@ impl ProgramFile {
         })
     }
 
-    /// Checks a short one; where the bounds end the check before the end of the program, it has no verdict.
+    /// Checks a short program. It has no verdict if the bounds end the check before the end of the program.
     fn judged(mut self, setup: &Setup, lines_before: u32, bounds: CheckBounds) -> Self {
         if self.text.is_some() {
             let verdict = judge(&self.look.file, setup, lines_before, bounds, || true);
@@ -90,7 +92,7 @@ impl ProgramFile {
     }
 }
 
-/// What the reading thread brings.
+/// Result of the reading thread.
 #[derive(Debug)]
 pub(super) enum Found {
     Program(ProgramFile),
@@ -99,9 +101,9 @@ pub(super) enum Found {
         file: ProgramFile,
         restored: Restored,
     },
-    /// No table where there is no file.
+    /// `None` if there is no file.
     Tools(Option<ToolTable>),
-    /// What was written.
+    /// What was saved.
     Saved(Box<ProgramMemory>),
 }
 
@@ -114,9 +116,9 @@ pub(super) fn read_program(file: &Path, setup: &Setup) -> Result<Found, Rejectio
     Ok(Found::Program(file))
 }
 
-/// A block of MDI: what it leaves, and the file from which it is planned.
+/// A block of MDI: what it leaves, and the file to plan it from.
 pub(super) struct MdiBlock {
-    /// Lines that bring an interpreter into the modes of now.
+    /// Lines that restore the present modes in an interpreter.
     pub(super) preamble: String,
     pub(super) text: String,
     pub(super) settings: Settings,
@@ -135,9 +137,9 @@ impl MdiBlock {
         std::fs::create_dir_all(&self.folder)
             .and_then(|()| std::fs::write(&path, &whole))
             .map_err(|error| Rejection::new(Alarm::File, format!("{}: {error}", path.display())))?;
-        // However many parameters earlier blocks have set: the next block takes the place of this file.
+        // However many parameters earlier blocks have set: this file is replaced with the next block.
         let mut bounds = CheckBounds::while_one_waits(1);
-        // A block is checked completely or not at all: nobody looks at it after its answer.
+        // A block is checked completely or not at all, since nobody reads a caution after its answer.
         bounds.round = bounds.commands;
         let file = ProgramFile::open(&path, whole.len() as u64)?.judged(&self.setup, lines, bounds);
         match file.verdict {
@@ -174,7 +176,7 @@ pub(super) fn read_tools(file: Option<&Path>) -> Result<Found, Rejection> {
         .map_err(|error| Rejection::new(Alarm::File, error.to_string()))
 }
 
-/// Waits until offsets or tools are written.
+/// Waits until offsets or tools were written.
 pub(super) fn written(saving: &Receiver<Saved>) -> Result<Found, Rejection> {
     match saving.recv() {
         Ok(Ok(memory)) => Ok(Found::Saved(Box::new(memory))),
@@ -192,23 +194,23 @@ pub(super) struct Reading {
     /// The request as it came.
     pub(super) request: ControlRequest,
     pub(super) command: Command,
-    /// What to say of it where it does not reply.
+    /// Start of the error message if the file system does not respond.
     about: String,
     begun: Instant,
-    /// A stop came meanwhile.
+    /// A stop came while the files were being read.
     pub(super) is_cancelled: bool,
     result: Receiver<Result<Found, Rejection>>,
 }
 
-/// Starts reading threads, and counts those that do not come back.
+/// Starts reading threads, and counts those that hang.
 #[derive(Debug, Default)]
 pub(super) struct Readers {
-    /// Each thread holds one of these.
+    /// Each thread holds a clone.
     alive: Arc<()>,
 }
 
 impl Readers {
-    /// Begins to read.
+    /// Starts a reading thread.
     pub(super) fn begin(
         &self,
         request: &ControlRequest,
@@ -243,7 +245,7 @@ impl Readers {
 }
 
 impl Reading {
-    /// What it has come to; none while there is time left.
+    /// The result; `None` while it is pending and there is time left.
     pub(super) fn poll(&self) -> Option<Result<Found, Rejection>> {
         if self.is_cancelled {
             let text = format!(

@@ -1,4 +1,4 @@
-//! The handwheel: its way driven as a jog that is turned over in motion.
+//! The handwheel, driven as a jog that is retargeted in motion.
 
 use evolvent_control::{Command, CommandCode, Handwheel, HandwheelReading, Rejection};
 use evolvent_machine::HandwheelSettings;
@@ -11,25 +11,25 @@ use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
 use crate::handwheel_view::HandwheelView;
 
-/// Time by which an axis follows the wheel, s: what is left of the way is driven as fast as it takes this
-/// long, so that the single counts of a hand melt into one motion.
+/// Time by which an axis follows the wheel, s. The speed is chosen so that the remaining distance takes this
+/// long, which smooths the single counts of a turning hand into one motion.
 const FOLLOW_S: f64 = 0.08;
 /// Differences of positions up to this count as zero, mm or degrees.
 const SAME: f64 = 1e-9;
 
-/// The wheel as the operator has it.
+/// The operator's state of the handwheel.
 pub(crate) struct HandwheelDesk {
     settings: HandwheelSettings,
     wheel: Handwheel,
-    /// Axis and step by command, where no inputs choose them.
+    /// Axis and step as chosen by command, for a wheel without selector inputs.
     axis: Option<usize>,
     step: Option<f64>,
-    /// Where the axes are to go; none while nothing is left to do.
+    /// Target of the axes; `None` if nothing is left to drive.
     goal: Option<Axes>,
 }
 
 impl HandwheelDesk {
-    /// The wheel of a machine, moving nothing.
+    /// The wheel of a machine, at rest.
     pub(crate) fn new(settings: &HandwheelSettings) -> Self {
         Self {
             wheel: Handwheel::new(settings.counts_per_detent),
@@ -40,14 +40,14 @@ impl HandwheelDesk {
         }
     }
 
-    /// What wheel and switches say.
+    /// The wheel's count, and the axis and step that its inputs choose.
     fn reading(&self, view: &HandwheelView) -> HandwheelReading {
         let is_on = |input: u32| view.digital >> input & 1 == 1;
         let settings = &self.settings;
         let axis = if settings.axis_inputs.is_empty() {
             self.axis
         } else {
-            // A selector between two places chooses none, and so does one with two.
+            // A selector between two positions chooses no axis; neither do two inputs at once.
             let mut chosen = settings.axis_inputs.iter().filter(|(_, input)| is_on(*input));
             match (chosen.next(), chosen.next()) {
                 (Some((axis, _)), None) => Some(axis.index()),
@@ -66,14 +66,15 @@ impl HandwheelDesk {
         };
         HandwheelReading {
             counts: view.counts,
-            // Without a step the wheel is followed by nothing.
+            // Without a step no axis follows the wheel.
             axis: axis.filter(|_| step.is_some()),
             step: step.unwrap_or(0.0),
             is_enabled: settings.enable_input.is_none_or(is_on),
         }
     }
 
-    /// The status's fields: mask of the axis that it moves, whether it is enabled, distance per detent.
+    /// Fields of the status: mask of the axis that the wheel moves, whether it is enabled, distance per
+    /// detent.
     pub(super) fn numbers(&self, view: &HandwheelView) -> (u32, u32, f64) {
         let reading = self.reading(view);
         let mask = reading.axis.map_or(0, |axis| 1 << axis);
@@ -81,7 +82,7 @@ impl HandwheelDesk {
         (mask, u32::from(reading.is_enabled), step)
     }
 
-    /// Nothing of what was turned is left to be driven.
+    /// Discards the distance that was not driven yet.
     pub(super) fn rest(&mut self) {
         self.goal = None;
     }
@@ -91,7 +92,7 @@ impl Operator {
     /// Chooses axis and step.
     ///
     /// # Errors
-    /// There is no wheel, or its own switches choose.
+    /// There is no wheel, or inputs choose axis and step.
     pub(super) fn choose_handwheel(
         &mut self,
         axis: Option<usize>,
@@ -116,7 +117,7 @@ impl Operator {
         Ok(())
     }
 
-    /// Looks at the wheel, and has the axis follow it.
+    /// Reads the wheel and moves the axis accordingly.
     pub(super) fn follow_handwheel(&mut self) {
         let Some(desk) = &mut self.handwheel else { return };
         let reading = desk.reading(&self.view.handwheel);
@@ -142,7 +143,7 @@ impl Operator {
             let here = self.view.setpoint.position;
             let limits = limits_here(&self.limits, &here, self.desk.homed());
             let goal = desk.goal.get_or_insert(here);
-            // What is turned beyond the travel is not made up for on the way back.
+            // Distance turned beyond the travel is discarded, so turning back has an immediate effect.
             goal[axis] = (goal[axis] + way).clamp(limits.travel_min[axis], limits.travel_max[axis]);
         }
         if let Some(goal) = desk.goal
@@ -158,7 +159,7 @@ impl Operator {
         self.files.reading.is_none() && self.desk.permit(CommandCode::Jog, &self.facts()).is_ok()
     }
 
-    /// The button was let go, or the wheel has fallen silent.
+    /// Stops the axis: the enabling button was released, or the wheel stopped sending.
     fn stop_handwheel(&mut self) {
         if let Job::Jog { steered, .. } = &mut self.job
             && !steered.stopping
@@ -168,14 +169,14 @@ impl Operator {
         }
     }
 
-    /// What was turned counts no more.
+    /// Discards what was turned.
     pub(super) fn rest_handwheel(&mut self) {
         if let Some(desk) = &mut self.handwheel {
             desk.rest();
         }
     }
 
-    /// Has the axes on their way to the goal, if they are not.
+    /// Moves the axes to the goal, unless they are on the way to it.
     fn drive_to(&mut self, goal: &Axes, step: f64) -> Result<(), Rejection> {
         let here = self.view.setpoint.position;
         let limits = limits_here(&self.limits, &here, self.desk.homed());
@@ -208,7 +209,7 @@ impl Operator {
             .map(|axis| (goal[axis] - from.position[axis]).abs())
             .fold(step, f64::max);
         let way = JogWay {
-            // No faster than the axis: the wheel's way is longer then, and not lost.
+            // At most the speed of the axis: the rest of the distance takes longer and is not lost.
             speed: JogWay::speeds(&limits, axes, farthest / FOLLOW_S),
             slows_down_first: false,
             limits,
@@ -225,7 +226,7 @@ impl Operator {
     }
 }
 
-/// The axes on which two places differ.
+/// The axes in which two positions differ.
 fn moved(a: &Axes, b: &Axes) -> AxisMask {
     (0..a.len()).filter(|i| (a[*i] - b[*i]).abs() > SAME).collect()
 }

@@ -1,4 +1,4 @@
-//! The homing sequence, from the operator's side.
+//! The homing sequence on the operator's side.
 
 use std::fmt::Write as _;
 
@@ -50,7 +50,7 @@ impl Operator {
                 "no bridge answers, so there is nothing to home with; start the bridge, then switch on",
             ));
         }
-        // What is homed again is not homed before it is done.
+        // Axes that are homed again are unhomed until the sequence is complete.
         let unknown = axes.iter().map(|axis| axis.axis.index()).collect::<AxisMask>();
         self.desk.set_homed(self.desk.homed().without(unknown));
         self.drives.zeroed = AxisMask::NONE;
@@ -72,13 +72,13 @@ impl Operator {
         Ok(number)
     }
 
-    /// Homing cannot go on, and ends so once its motion has.
+    /// Cancels homing; the job ends with this result once its motion has ended.
     pub(super) fn cancel_homing(&mut self, result: JobResult) {
         if let Job::Homing {
             steered, cancelled, ..
         } = &mut self.job
         {
-            // A fault after a stop is the result.
+            // A fault after a stop determines the result.
             if cancelled.is_none() || result == JobResult::Fault {
                 *cancelled = Some(result);
             }
@@ -88,7 +88,7 @@ impl Operator {
         }
     }
 
-    /// Homing cannot go on: its motion stops.
+    /// Cancels homing and stops its motion.
     pub(super) fn end_homing(&mut self) {
         if let Job::Homing { cancelled, .. } = &self.job {
             if cancelled.is_none() {
@@ -102,7 +102,7 @@ impl Operator {
         }
     }
 
-    /// Axes that the machine file does not home.
+    /// Axes without `[[homing]]` in the machine file.
     fn without_homing(&self) -> AxisMask {
         let homing = self.setup.machine.homing.iter();
         let homed_by_core = homing.map(|homing| homing.axis.index()).collect::<AxisMask>();
@@ -112,8 +112,8 @@ impl Operator {
             .without(homed_by_core)
     }
 
-    /// Of axes that the core cannot home, those that have lost machine zero: the operator has moved them to
-    /// their home position, and says so. Those that are homed keep their coordinates.
+    /// Sets machine zero of those axes without `[[homing]]` that are not homed: the operator has moved them
+    /// to their home position and declares it. Homed axes keep their coordinates.
     fn declare_zero(&mut self, wanted: AxisMask) {
         let declared = (self.without_homing() & wanted).without(self.desk.homed());
         if declared.is_empty() {
@@ -134,13 +134,13 @@ impl Operator {
         }
         self.view.setpoint.position = renamed;
         if self.view.presence == Presence::Absent {
-            // Nobody else counts.
+            // Without feedback there are no drives whose coordinates have to follow.
             self.desk.set_homed(self.desk.homed() | declared);
         }
         self.rename(renamed, declared.without(self.desk.homed()), home_offset);
     }
 
-    /// Renames the position of the axes to `position`; those of `zeroed` are homed once the feedback shows
+    /// Renames the position of the axes to `position`. The axes in `zeroed` are homed once the feedback shows
     /// it.
     pub(super) fn rename(&mut self, position: Axes, zeroed: AxisMask, home_offset: Axes) {
         let renaming = Renaming {
@@ -153,8 +153,8 @@ impl Operator {
         self.drives.renames(order, &renaming);
     }
 
-    /// The drives may show the new coordinates: only then are their axes homed, because an emergency stop or
-    /// a fault may have come before them.
+    /// Marks axes as homed once the drives report the new coordinates. Not earlier, because an emergency stop
+    /// or a fault may come first.
     pub(super) fn take_zeroed(&mut self, feedback: &Feedback) {
         let machine = &self.setup.machine;
         let tolerance = |axis: usize| {
@@ -170,7 +170,7 @@ impl Operator {
         }
     }
 
-    /// The drives' positions of these axes may count from another zero.
+    /// Handles lost references: the drives' positions of these axes may count from another zero.
     pub(super) fn lose_reference(&mut self, sequence: u64, axes: AxisMask) {
         let lost = axes & (self.desk.homed() | self.drives.zeroed);
         if lost.is_empty() {
@@ -183,13 +183,13 @@ impl Operator {
             self.relocate(self.view.setpoint.position, false);
         }
         let text = reference_lost(lost, lost & self.without_homing(), &self.limits.home);
-        // Other alarms of a lost link come first, and their RESET ends this one: what has to be done stays.
+        // Other alarms of a lost link come first, and their RESET clears this one as well. The message
+        // remains and says what to do.
         self.message.tell(&*text);
         self.raise(sequence, Alarm::ReferenceLost, text);
     }
 
-    /// Of axes that are homed by an absolute encoder: those whose drives say no longer that it is one are not
-    /// homed any more.
+    /// Axes homed by an absolute encoder are no longer homed once their drives no longer report one.
     pub(super) fn watch_absolute(&mut self, absolute: AxisMask) {
         let homing = self.setup.machine.homing.iter();
         let lost = homing
@@ -202,7 +202,8 @@ impl Operator {
         }
     }
 
-    /// The axes stand at `position`, by names of the present or a new datum.
+    /// Orders the cycle to take `position` as the axes' position, in the coordinates of the present or of a
+    /// new datum.
     pub(super) fn relocate(&mut self, position: Axes, renames: bool) -> u64 {
         let limits = limits_here(&self.limits, &position, self.desk.homed());
         self.order(CycleCommand::Relocate {
@@ -227,7 +228,7 @@ impl Operator {
         let action = homing.step(sample, steered.is_none() && at_rest);
         let expected = homing.expected_limits();
         if expected != before {
-            // Before the motion that goes with it.
+            // Sent before the motion that it belongs to.
             self.order(CycleCommand::ExpectSwitches(expected));
         }
         match action {
@@ -273,8 +274,8 @@ impl Operator {
                 self.rename(renamed, AxisMask::one(i), home_offset);
                 let mut text = format!("axis {}: machine zero set, shifted by {shift:.6}", axis.letter());
                 if let Some(from_switch) = from_switch {
-                    // Near 0 and near the distance of two pulses the switch may choose another pulse the next
-                    // time.
+                    // Near 0, and near the distance between two pulses, the switch may select another pulse
+                    // the next time.
                     let _infallible = write!(text, ", index pulse {from_switch:.6} from the switch");
                 }
                 self.record(
@@ -325,14 +326,15 @@ impl Operator {
     }
 }
 
-/// The sentence of alarm 418: of any axes it fits into the status. `by_hand` are those of `lost` without
-/// `[[homing]]`.
+/// The text of alarm 418; it fits into the status for any set of axes. `by_hand` are those axes of `lost`
+/// without `[[homing]]`.
 fn reference_lost(lost: AxisMask, by_hand: AxisMask, home: &Axes) -> String {
     let letter = |axis: usize| AxisLetter::ALL[axis].letter();
     let lost: String = lost.axes().map(letter).collect();
     let mut text = format!("the link to drives {lost} was lost or positions jumped: home {lost} again");
     if !by_hand.is_empty() {
-        // To a micrometre: decimal fractions of inches have more digits than anybody can jog to.
+        // Rounded to a micrometre: positions converted from inches have more decimals than anybody can jog
+        // to.
         let homes: Vec<String> = by_hand
             .axes()
             .map(|axis| format!("{}{}", letter(axis), (home[axis] * 1000.0).round() / 1000.0))

@@ -1,5 +1,5 @@
-//! Homing that is broken off at any moment: operator, cycle and a bridge with one drive in one thread, in
-//! time of their own.
+//! Homing interrupted at any moment: operator, cycle and a bridge with one drive on one thread, in simulated
+//! time.
 
 use std::time::{Duration, Instant};
 
@@ -17,31 +17,31 @@ use crate::job::Setup;
 use crate::rt::MonotonicClock;
 
 const LEAD: u64 = 2;
-/// Where the motor of X closes its switch, and the machine coordinate of that.
+/// Motor position at which the switch of X closes, and its machine coordinate.
 const EDGE: f64 = -20.0;
 const REFERENCE: f64 = -5.0;
-/// Errors of the trial are smaller, mm: a switch is seen some periods late, and feedback is as old. A wrong
-/// zero is off by 15 mm.
+/// Upper limit of the errors in these tests, mm: a switch is seen some periods late, and feedback has the
+/// same age. A wrong zero is off by 15 mm.
 const NEAR: f64 = 0.2;
 const HOMING: &str =
     "[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 50\nlatch_mm_s = 5\nswitch_mm = -5\n";
 
-/// What breaks homing off.
+/// What interrupts homing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Trouble {
     EmergencyStop,
     DriveFault,
 }
 
-/// A follower with ideal drives behind it.
+/// A bridge's follower with ideal drives.
 struct Bridge {
     follower: Follower,
     motor: [f64; AXES],
-    /// Coordinates less positions of the motors.
+    /// Coordinates minus motor positions.
     offset: [f64; AXES],
     power: PowerRequest,
     has_fault: bool,
-    /// It takes over the number of a datum, and goes on counting as before.
+    /// Takes over the number of a datum without its coordinates.
     keeps_names: bool,
 }
 
@@ -117,7 +117,7 @@ impl Drives for Bridge {
 
     fn receive(&mut self, computed: &Computed, period: u64) {
         let now_ns = bridge_ns(period);
-        // What a bridge rejects it counts.
+        // The bridge counts rejected setpoints.
         let _noted = self.follower.offer(
             now_ns,
             &Setpoint {
@@ -137,7 +137,7 @@ impl Drives for Bridge {
     }
 }
 
-/// The bridge's own time in a period.
+/// The bridge's time in a period.
 fn bridge_ns(period: u64) -> u64 {
     100_000_000 + period * PERIOD_NS
 }
@@ -182,14 +182,14 @@ impl Bench<Bridge> {
         !matches!(self.operator.job, Job::None)
     }
 
-    /// By how much the coordinate of X is wrong: a period of the approach, and the delay of the feedback.
+    /// The error of X's coordinate: at most a period of the approach, plus the delay of the feedback.
     fn error(&self) -> f64 {
         let coordinate = self.operator.view.setpoint.position[0];
         (coordinate - self.drives.motor[0] - (REFERENCE - EDGE)).abs()
     }
 }
 
-/// Where the axes stand before homing is no reason to refuse a program, which starts only after it.
+/// The position before homing is no reason to reject a program, which starts only after homing.
 #[test]
 fn a_program_is_loaded_while_an_axis_that_is_not_homed_stands_outside_its_travel() {
     for added in [HOMING, ""] {
@@ -234,7 +234,7 @@ fn a_program_is_loaded_while_an_axis_that_is_not_homed_stands_outside_its_travel
     }
 }
 
-/// Homes; the period of the renaming, and at the end of the job.
+/// Homes; returns the period of the renaming and the period in which the job ended.
 fn homes(bench: &mut Bench<Bridge>) -> (u64, u64) {
     bench.commands(CommandCode::Home, 0);
     let begun = bench.now;
@@ -255,7 +255,7 @@ fn homes(bench: &mut Bench<Bridge>) -> (u64, u64) {
     (renamed.unwrap(), bench.now - begun)
 }
 
-/// Each period around the one in which machine zero is set.
+/// Tries each period around the one in which machine zero is set.
 #[test]
 fn an_axis_is_homed_only_once_its_drive_shows_the_coordinate() {
     let (renamed, _) = homes(&mut Bench::homed_by_switch());
@@ -292,8 +292,8 @@ fn an_axis_is_homed_only_once_its_drive_shows_the_coordinate() {
     assert!(kept > 4 && lost > 4, "{kept} {lost}");
 }
 
-/// The desk may look in the middle of a cycle: whoever sees that power is gone or that homing has ended sees
-/// the alarm, too.
+/// The control thread may run in the middle of a cycle. If it sees that power is gone or that homing has
+/// ended, it sees the alarm too.
 #[test]
 fn homing_that_a_drive_fault_ends_never_ends_without_its_alarm() {
     let mut bench = Bench::homed_by_switch();
@@ -322,7 +322,7 @@ fn homing_that_a_drive_fault_ends_never_ends_without_its_alarm() {
     assert!(ended > 3, "no fault came: {ended}");
 }
 
-/// The cycle reports that it has taken the new coordinates before its view shows them.
+/// The cycle reports that it has applied the new coordinates before its view shows them.
 #[test]
 fn an_axis_is_homed_where_the_desk_looks_between_an_event_and_its_view() {
     let mut bench = Bench::homed_by_switch();
@@ -352,8 +352,7 @@ fn a_bridge_that_takes_the_number_and_keeps_its_names_homes_no_axis() {
     assert!(was_renamed && !bench.is_busy());
 }
 
-/// The cycle renames at rest only. An order that comes in motion leaves everything as it was, and homing
-/// works afterwards.
+/// The cycle renames only at rest. An order during motion has no effect, and homing works afterwards.
 #[test]
 fn new_coordinates_that_the_cycle_refuses_are_forgotten() {
     let mut bench = Bench::homed_by_switch();
@@ -380,14 +379,14 @@ fn new_coordinates_that_the_cycle_refuses_are_forgotten() {
     homes(&mut bench);
 }
 
-/// An order to rename that does not fit into the queue is an emergency stop, after which homing works.
+/// An order to rename that does not fit into the queue causes an emergency stop, after which homing works.
 #[test]
 fn new_coordinates_that_do_not_fit_into_the_queue_are_forgotten() {
     let mut bench = Bench::homed_by_switch();
     bench.commands(CommandCode::Home, 0);
     bench.runs_seen(100);
     assert!(bench.is_busy());
-    // As many as fit.
+    // Fills the queue.
     while !bench.operator.book.is_full() {
         bench.operator.order(CycleCommand::KeepJogging(u64::MAX));
     }

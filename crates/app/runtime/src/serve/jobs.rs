@@ -1,4 +1,4 @@
-//! Jobs along a plan: planned on a thread of their own, handed to the cycle when they are ready.
+//! Jobs along a plan: planned on their own thread, passed to the cycle when ready.
 
 use std::io;
 use std::path::PathBuf;
@@ -28,34 +28,34 @@ const PLANNER_NAP: Duration = Duration::from_micros(500);
 
 type Planned = (FeedReport, Result<Option<ProgramMemory>, ProgramError>);
 
-/// How a program is to be run.
+/// How to run a program.
 pub(crate) struct ProgramJob {
     pub file: PathBuf,
     pub setup: Setup,
     pub feed_override: f64,
-    /// The job's number in the trace, and at the desk.
+    /// The job's number in the trace and for the operator.
     pub job: u32,
     pub number: u64,
-    /// How the switches stand for its first line, and who switches.
+    /// The switches for its first line, and their source.
     pub switches: SwitchState,
     pub switching: Switching,
-    /// Numbers of the first block and the first action, which go on from job to job.
+    /// Numbers of the first block and the first action; they continue from job to job.
     pub numbered_from: (u32, u32),
-    /// Who hears what the periphery is from each action on.
+    /// Receives the state of the periphery from each action on.
     pub periphery: Option<Sender<(u32, Periphery)>>,
     /// The trace's recorder, if there is one.
     pub recorder: Option<Sender<FeederEvent>>,
-    /// Names of attached subroutines begin with this.
+    /// Prefix of the names under which subroutines are attached.
     pub subroutines: String,
-    /// Whether user-defined M codes are carried out; otherwise nobody asks whether they are there.
+    /// Whether user-defined M codes are carried out; otherwise nothing checks whether their files exist.
     pub carries_out: bool,
-    /// Whether the planner may take two threads, for the same plan in less time.
+    /// Whether the planner may use two threads, which give the same plan in less time.
     pub in_two_threads: bool,
 }
 
 /// A job's planner.
 pub(crate) struct Planning {
-    /// Waits here until its first pieces are ready.
+    /// The job, until its first pieces are ready.
     waiting: Option<Box<Following>>,
     pub flags: Arc<JobFlags>,
     pub news: Receiver<FeederEvent>,
@@ -63,7 +63,7 @@ pub(crate) struct Planning {
 }
 
 impl Planning {
-    /// Starts planning.
+    /// Starts the planner.
     pub(crate) fn start(job: ProgramJob) -> io::Result<Self> {
         let flags = Arc::new(JobFlags::default());
         let waiting = Arc::clone(&flags);
@@ -128,7 +128,7 @@ impl Planning {
         })
     }
 
-    /// The job, once: as soon as so much of it is planned that it can begin.
+    /// Returns the job once, as soon as enough of it is planned to begin.
     pub(crate) fn take_if_ready(&mut self) -> Option<Box<Following>> {
         let job = self.waiting.as_mut()?;
         if job.motion.is_ready(&mut job.queue) {
@@ -137,18 +137,18 @@ impl Planning {
         None
     }
 
-    /// Whether the cycle has it not yet.
+    /// Whether the cycle does not have the job yet.
     pub(crate) fn is_waiting(&self) -> bool {
         self.waiting.is_some()
     }
 
-    /// The planner need not go on.
+    /// Tells the planner that the rest of the plan is not needed.
     pub(crate) fn abandon(&mut self) {
         self.flags.abandoned.store(true, Ordering::Release);
         self.waiting = None;
     }
 
-    /// What planning came to, once its thread has ended.
+    /// The result of planning, once its thread has ended.
     pub(crate) fn take_result(&mut self) -> Option<Planned> {
         if !self.thread.as_ref()?.is_finished() {
             return None;

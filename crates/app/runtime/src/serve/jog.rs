@@ -1,4 +1,4 @@
-//! Jogs: where to, and how from a motion that goes on.
+//! Jogs: their targets, and transitions from a motion in progress.
 
 use evolvent_control::{Activity, Alarm, Command, JogCommand, JogEnable, Rejection};
 use evolvent_machine::Limits;
@@ -12,13 +12,13 @@ use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
 use crate::job_start::SteeredStart;
 
-/// Time from asking for a turn of a jog to where it counts, ns.
+/// Time from ordering a retarget of a jog to its effect, ns.
 const TURN_LEAD_NS: u64 = 12_000_000;
-/// A steered motion that needs no dead-man.
+/// Deadline of a steered motion that needs no dead-man switch.
 pub(super) const FOR_EVER: u64 = u64::MAX;
 
-/// Limits for the axes as they are: an axis whose zero is unknown may go its travel's length either way, and
-/// one that stands beyond its travel may come back.
+/// Limits for the present state of the axes. An axis that is not homed may move its travel's length in either
+/// direction; one beyond its travel may come back.
 pub(crate) fn limits_here(machine: &Limits, position: &Axes, homed: AxisMask) -> Limits {
     let mut limits = *machine;
     for i in 0..AXES {
@@ -36,14 +36,14 @@ pub(crate) fn limits_here(machine: &Limits, position: &Axes, homed: AxisMask) ->
     limits
 }
 
-/// The limits of a steered motion: each axis no faster than its speed.
+/// Limits of a steered motion: each axis at most at its given speed.
 fn slowed(limits: &Limits, from: &AxesState, speed: &Axes) -> Limits {
     let mut slowed = *limits;
     let present = from.unavoidable_speed(limits);
     for i in 0..AXES {
         if limits.present[i] {
-            // What moves faster than is wanted now may do so while it slows down. An axis may be limited to
-            // less than the lowest speed, which `clamp` would not forgive.
+            // An axis above its new speed may keep its present speed while it slows down. The limit of an
+            // axis may be below the minimum speed, for which `clamp` would panic.
             let wanted = speed[i].max(1.0001 * present[i]).max(MIN_SPEED);
             slowed.velocity[i] = wanted.min(limits.velocity[i]);
         }
@@ -51,22 +51,22 @@ fn slowed(limits: &Limits, from: &AxesState, speed: &Axes) -> Limits {
     slowed
 }
 
-/// A jog: from where to where, and how fast.
+/// A jog: start, target and speeds.
 pub(super) struct JogWay {
     pub(super) limits: Limits,
     pub(super) from: AxesState,
     pub(super) to: Axes,
-    /// Of each axis at most.
+    /// Maximum speed of each axis.
     pub(super) speed: Axes,
-    /// Each axis moves on its own, and slows down to its speed at once. Otherwise all arrive at the same
-    /// time.
+    /// Each axis moves independently and slows down to its speed at once. Otherwise all axes arrive at the
+    /// same time.
     pub(super) slows_down_first: bool,
     /// When it ends by itself.
     pub(super) until_ns: u64,
 }
 
 impl JogWay {
-    /// The axes of `mask` at `speed`; the others, which do not move, at their own.
+    /// `speed` for the axes of the mask; the other axes, which do not move, keep their maximum.
     pub(super) fn speeds(limits: &Limits, axes: AxisMask, speed: f64) -> Axes {
         Axes::from_fn(|i, _| {
             if axes.contains(i) {
@@ -77,7 +77,7 @@ impl JogWay {
         })
     }
 
-    /// The speed that was asked for, in the metric of feeds, mm/s or degrees/s.
+    /// The programmed speed in the metric of feeds, mm/s or degrees/s.
     fn programmed_speed(&self) -> f64 {
         let moves = |i: usize| self.limits.present[i] && self.to[i] != self.from.position[i];
         feed_rate(&Axes::from_fn(|i, _| {
@@ -89,19 +89,19 @@ impl JogWay {
         }))
     }
 
-    /// Solves it.
+    /// Computes the motion.
     ///
     /// # Errors
     /// There is no such motion within the limits.
     pub(super) fn steering(&self) -> Result<TransferExecutor, Rejection> {
-        // What the trace has is what is solved: the same bits come out when it is computed again.
+        // Solves what the trace contains, so that recomputation gives the same bits.
         self.recorded(false)
             .solve(&self.limits)
             .map(TransferExecutor::new)
             .map_err(|error| Rejection::new(Alarm::SoftLimit, error.to_string()))
     }
 
-    /// For the trace.
+    /// The motion as the trace records it.
     pub(super) fn recorded(&self, is_turn: bool) -> SteeredStart {
         let slowed = slowed(&self.limits, &self.from, &self.speed);
         SteeredStart {
@@ -116,11 +116,11 @@ impl JogWay {
     }
 }
 
-/// A change of a steered motion that is on its way to the cycle.
+/// A change of a steered motion on its way to the cycle.
 pub(super) struct PendingTurn {
     pub(super) order: u64,
     pub(super) steering: TransferExecutor,
-    /// It does what the intent says; otherwise the intent has changed since.
+    /// The change corresponds to the intent; `false` if the intent has changed since.
     is_intended: bool,
 }
 
@@ -131,16 +131,16 @@ pub(super) struct Steered {
     pub(super) begin: Option<u64>,
     pub(super) turn: Option<PendingTurn>,
     pub(super) stopping: bool,
-    /// The speed that was asked for last, mm/s or degrees/s.
+    /// The speed that was last programmed, mm/s or degrees/s.
     pub(super) programmed_speed: f64,
-    /// What the jogs so far have asked for.
+    /// The combined target of the jogs so far.
     intent: JogIntent,
-    /// The cycle does not drive the last of them yet.
+    /// The cycle does not drive the newest intent yet.
     is_pending: bool,
 }
 
 impl Steered {
-    /// Where the axes will be with setpoint `sequence`, if nothing intervenes.
+    /// The state of the axes at setpoint `sequence` if nothing intervenes.
     pub(super) fn foreseen(&self, sequence: u64, period_ns: u64) -> Option<AxesState> {
         let periods = sequence + 1 - self.begin?;
         let time = periods as f64 * period_ns as f64 * 1e-9;
@@ -152,7 +152,7 @@ impl Steered {
         })
     }
 
-    /// The cycle has taken an order up with this setpoint.
+    /// Notes that the cycle has applied an order with this setpoint.
     pub(super) fn applied(&mut self, order: u64, sequence: u64) {
         if self.order == order {
             self.begin = Some(sequence);
@@ -164,13 +164,14 @@ impl Steered {
         }
     }
 
-    /// A turn came back from the cycle: one that was not reported as applied by now came too late.
+    /// Notes that a change came back from the cycle. If it was not reported as applied before, it was too
+    /// late.
     pub(super) fn turn_returned(&mut self, order: u64) {
         self.turn.take_if(|turn| turn.order == order);
     }
 
-    /// Handles a life sign of a client. Returns until when the axes may move, ns of CLOCK_MONOTONIC; none
-    /// where the jog needs no life sign.
+    /// Handles a keep-alive of a client. Returns the time until which the axes may move, ns of
+    /// CLOCK_MONOTONIC; `None` if the jog needs none.
     fn renew(&mut self, client: u64, now_ns: u64) -> Result<Option<u64>, Rejection> {
         let Some(held) = self.intent.held() else {
             return Ok(None);
@@ -219,10 +220,10 @@ impl Operator {
         Ok((way, intent))
     }
 
-    /// A jog takes over from the one under way.
+    /// Replaces the jog in progress.
     ///
     /// # Errors
-    /// An increment would leave the travel, or the motion stops.
+    /// An increment would leave the travel, or the motion is stopping.
     pub(super) fn take_over(&mut self, jog: &JogCommand, held: Option<JogEnable>) -> Result<(), Rejection> {
         let here = self.view.setpoint.position;
         let limits = limits_here(&self.limits, &here, self.desk.homed());
@@ -237,7 +238,7 @@ impl Operator {
         let intent = steered.intent.taken_over_by(jog, held, &limits);
         let foreseen = steered.foreseen(after, period_ns);
         let from = foreseen.unwrap_or_else(|| AxesState::at_rest(here));
-        // A jog that cannot be driven is rejected now, also if it has to wait for the change before it.
+        // A jog that cannot be driven is rejected now, even if it has to wait for the preceding change.
         intent.way(&limits, from, until(held))?.steering()?;
         steered.intent = intent;
         steered.is_pending = true;
@@ -247,8 +248,8 @@ impl Operator {
         self.drive_intent()
     }
 
-    /// Orders what the jogs have asked for, once the change before it has come back from the cycle. A change
-    /// that came too late is ordered again.
+    /// Orders the motion of the present intent, once the preceding change has come back from the cycle. A
+    /// change that was too late is ordered again.
     ///
     /// # Errors
     /// There is no such motion within the limits.
@@ -278,8 +279,8 @@ impl Operator {
         Ok(())
     }
 
-    /// Goes on with a jog that waits for the change before it. One that cannot be driven from where the axes
-    /// are by now stops.
+    /// Continues a jog that waits for the preceding change. If it can no longer be driven from the present
+    /// state of the axes, the axes stop.
     pub(super) fn follow_jog(&mut self) {
         let Err(refusal) = self.drive_intent() else { return };
         self.message.tell(format!("the jog was stopped: {refusal}"));
@@ -289,8 +290,8 @@ impl Operator {
         }
     }
 
-    /// The motion has come to its end before the cycle took up the last jog: that begins from here, in the
-    /// same job. Returns whether there is one.
+    /// If the motion ended before the cycle applied the last jog, that jog begins from here, in the same job.
+    /// Returns whether there was one.
     pub(super) fn goes_on_from_rest(&mut self) -> bool {
         let here = self.view.setpoint.position;
         let limits = limits_here(&self.limits, &here, self.desk.homed());
@@ -325,7 +326,7 @@ impl Operator {
         }
     }
 
-    /// The speed asked for of a jog or a move of homing under way.
+    /// The programmed speed of a jog or homing move in progress.
     pub(super) fn steered_speed(&self) -> Option<f64> {
         match &self.job {
             Job::Jog { steered, .. } => Some(steered.programmed_speed),
@@ -334,7 +335,7 @@ impl Operator {
         }
     }
 
-    /// The transfer under way.
+    /// The transfer in progress.
     pub(super) fn steered(&mut self) -> Option<&mut Steered> {
         match &mut self.job {
             Job::Jog { steered, .. } => Some(steered),
@@ -344,12 +345,12 @@ impl Operator {
         }
     }
 
-    /// The setpoint after which a turn that is ordered now can count.
+    /// The setpoint after which a change ordered now can take effect.
     pub(super) fn turn_behind(&self) -> u64 {
         self.view.setpoint.sequence + TURN_LEAD_NS.div_ceil(self.setup.period_ns).max(4)
     }
 
-    /// Begins a jog at rest; the number of its job.
+    /// Begins a jog at rest and returns the number of its job.
     ///
     /// # Errors
     /// There is no such motion within the limits.
@@ -370,8 +371,8 @@ impl Operator {
         Ok(self.desk.job_begins(Activity::Jog))
     }
 
-    /// Turns the jog under way over after a setpoint. `is_intended` says that this does what the jogs have
-    /// asked for.
+    /// Retargets the jog in progress after a setpoint. `is_intended` means that the change corresponds to the
+    /// present intent.
     ///
     /// # Errors
     /// There is no such motion within the limits.
@@ -395,14 +396,14 @@ impl Operator {
         Ok(())
     }
 
-    /// The guard checks the travel for which the next job is planned: the trace has it, so that a stop at its
-    /// end comes out the same when it is computed again.
+    /// Sets the travel with which the next job is planned, for the guard. The trace has it too, so that a
+    /// stop at its limit is recomputed exactly.
     pub(super) fn begin_within(&mut self, limits: &Limits) {
         self.order(CycleCommand::Within(*limits));
     }
 
-    /// Begins a steered motion at rest. A jog is recorded when it is accepted, and so without a command here:
-    /// one that takes over from another may never be ordered by itself.
+    /// Begins a steered motion at rest. The command is not passed on: a jog is recorded when it is accepted,
+    /// since one that replaces another may never be ordered by itself.
     ///
     /// # Errors
     /// There is no such motion within the limits.
@@ -443,7 +444,7 @@ impl Operator {
     }
 }
 
-/// Until when a jog may move the axes, ns of CLOCK_MONOTONIC.
+/// Time until which a jog may move the axes, ns of CLOCK_MONOTONIC.
 pub(super) fn until(held: Option<JogEnable>) -> u64 {
     held.map_or(FOR_EVER, JogEnable::until_ns)
 }

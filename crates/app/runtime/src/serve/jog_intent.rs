@@ -1,4 +1,4 @@
-//! What jogs have asked of the axes, and what comes of it from a state of the axes.
+//! The combined target of jogs, and the motion to it from a state of the axes.
 
 use evolvent_control::{Alarm, JogCommand, JogEnable, Rejection};
 use evolvent_machine::Limits;
@@ -7,40 +7,41 @@ use evolvent_transfer::AxesState;
 
 use super::jog::JogWay;
 
-/// Fraction of an axis's velocity at which it is jogged where no speed is given.
+/// Jog speed without a given speed, as a fraction of the axis's velocity limit.
 pub(super) const USUAL_FRACTION: f64 = 0.2;
-/// Maximum distance of a jog without one, mm or degrees: a thousand turns of an unlimited rotary axis.
+/// Maximum distance of a jog without a given distance, mm or degrees: a thousand turns of an unlimited rotary
+/// axis.
 const MAX_DISTANCE: f64 = 360_000.0;
 /// Lowest speed of a jog, mm/s or degrees/s.
 pub(super) const MIN_SPEED: f64 = 1e-3;
 
-/// What an axis is to do.
+/// The goal of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Goal {
     /// Stop as soon as it can.
     Stop,
-    /// Rest at this position.
+    /// Stop at this position.
     At(f64),
-    /// Rest this far from the position at which it would stop.
+    /// Stop this far from the position at which the axis would stop now.
     Further(f64),
     /// Move in this direction to the end of the travel.
     Along(f64),
 }
 
-/// What the jogs of one motion have asked of the axes so far.
+/// The combined target of the jogs of one motion.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct JogIntent {
     goals: [Goal; AXES],
-    /// Of each axis at most.
+    /// Maximum speed of each axis.
     speed: Axes,
-    /// A further increment adds to it.
+    /// A further increment is added to it.
     is_increment: bool,
-    /// The dead-man switch of a jog without distance.
+    /// The dead-man switch of a continuous jog.
     held: Option<JogEnable>,
 }
 
 impl JogIntent {
-    /// Nothing: a jog that takes over stops whatever moves.
+    /// No target: a jog that takes over stops whatever moves.
     pub(super) fn none() -> Self {
         Self {
             goals: [Goal::Stop; AXES],
@@ -50,8 +51,8 @@ impl JogIntent {
         }
     }
 
-    /// The intent after a jog that takes over from this one. An increment adds to an increment. Otherwise the
-    /// axes that the jog does not name stop, and an increment counts from where its axis would stop.
+    /// The intent after another jog. An increment is added to an increment. Otherwise axes that the jog does
+    /// not name stop, and an increment counts from where its axis would stop.
     pub(super) fn taken_over_by(&self, jog: &JogCommand, held: Option<JogEnable>, limits: &Limits) -> Self {
         let is_increment = jog.distance.is_some();
         let mut after = if is_increment && self.is_increment {
@@ -73,7 +74,7 @@ impl JogIntent {
         after
     }
 
-    /// The dead-man switch, if it has one.
+    /// The dead-man switch, if any.
     pub(super) fn held(&mut self) -> Option<&mut JogEnable> {
         self.held.as_mut()
     }
@@ -81,7 +82,7 @@ impl JogIntent {
     /// The motion from a state.
     ///
     /// # Errors
-    /// An increment would leave the travel: axis, where to, and by how much.
+    /// An increment would leave the travel; the error names axis, target and excess.
     pub(super) fn way(&self, limits: &Limits, from: AxesState, until_ns: u64) -> Result<JogWay, Rejection> {
         let (stopped, unavoidable) = (from.stopped(limits), from.unavoidable_speed(limits));
         let (mut to, mut speed) = (from.position, self.speed);
@@ -89,7 +90,7 @@ impl JogIntent {
             let (low, high) = (limits.travel_min[i], limits.travel_max[i]);
             to[i] = match self.goals[i] {
                 Goal::Stop => {
-                    // It brakes at once, and is not kept at a speed first.
+                    // The axis brakes at once instead of first moving at a set speed.
                     speed[i] = (1.0001 * unavoidable[i]).max(MIN_SPEED);
                     stopped[i].clamp(low, high)
                 }
@@ -109,7 +110,7 @@ impl JogIntent {
         })
     }
 
-    /// A motion to these positions has been ordered: a further increment counts from them.
+    /// Notes that a motion to these positions was ordered: further increments count from them.
     pub(super) fn goes_to(&mut self, to: &Axes) {
         for (i, goal) in self.goals.iter_mut().enumerate() {
             if let Goal::Further(_) = goal {
@@ -119,7 +120,7 @@ impl JogIntent {
     }
 }
 
-/// An increment's target, if it is within the travel.
+/// The target of an increment, if it is within the travel.
 fn within(axis: usize, target: f64, low: f64, high: f64) -> Result<f64, Rejection> {
     let beyond = (low - target).max(target - high);
     if beyond > 0.0 || beyond.is_nan() {
@@ -157,14 +158,14 @@ mod tests {
         }
     }
 
-    /// The state of X at a speed, in the middle of a jog.
+    /// The state during a jog of X at a speed.
     fn at_speed(velocity: f64) -> AxesState {
         let mut state = AxesState::at_rest(Axes::zeros());
         state.velocity[0] = velocity;
         state
     }
 
-    /// Drives a way in steps of a millisecond, and returns the highest speed of each axis, and the end.
+    /// Drives a jog in steps of a millisecond. Returns the highest speed of each axis, and the end position.
     fn driven(way: &JogWay) -> (Axes, Axes) {
         let steering = way.steering().unwrap();
         let transfer = steering.transfer();
@@ -209,7 +210,7 @@ mod tests {
             "{end}"
         );
         assert!(top[0] < 10.002 && top[1] < 1.0001, "{top}");
-        // Of the same axis, the other way.
+        // Of the same axis, in the other direction.
         let back = continuous.taken_over_by(&jog(0, Some(-1.0), 0.0, 1.0), None, &limits);
         let (top, end) = driven(&back.way(&limits, from, FOR_EVER).unwrap());
         assert!(
@@ -233,7 +234,7 @@ mod tests {
             (11.9..12.002).contains(&top[0]) && (2.9..3.0001).contains(&top[1]),
             "{top}"
         );
-        // A jog without distance ends all of it.
+        // A continuous jog ends all increments.
         let held = both.taken_over_by(&jog(2, None, 1.0, 4.0), None, &limits);
         let way = held.way(&limits, at_speed(11.0), FOR_EVER).unwrap();
         assert!(

@@ -1,5 +1,5 @@
-//! Random sequences of jogs, increments, stops and life signs: operator and cycle in one thread, in time of
-//! their own.
+//! Random sequences of jogs, increments, stops and keep-alives: operator and cycle on one thread, in
+//! simulated time.
 
 use std::sync::mpsc::channel;
 
@@ -11,22 +11,22 @@ use super::bench::Bench;
 use super::operator::Job;
 use crate::news::{ExternalEventKind, FeederEvent};
 
-/// Cycles after which a speed asked for is reached, or an axis at rest: from 500 mm/s with 3000 mm/s2 and its
-/// jerk, and the time until a change is applied, also one that came too late the first time.
+/// Cycles within which a programmed speed is reached or an axis stops: from 500 mm/s at 3000 mm/s2 and its
+/// jerk, plus the time until a change is applied, including one that was too late at first.
 const SETTLES: u64 = 450;
-/// Cycles without a life sign after which a jog without distance begins to stop.
+/// Cycles without a keep-alive after which a continuous jog starts to stop.
 const PATIENCE: u64 = 90;
 
-/// What was asked of one axis since all were at rest.
+/// The demands on one axis since all axes were last at rest.
 #[derive(Clone, Copy, Debug, Default)]
 struct Asked {
-    /// Highest speed so far; 0 where nothing was asked.
+    /// Highest programmed speed so far; 0 if none.
     top: f64,
-    /// Last speed; 0 if the axis is to stop.
+    /// Last programmed speed; 0 if the axis is to stop.
     last: f64,
-    /// Range that increments permit, if only they have moved it.
+    /// Range of positions that the increments permit, if only increments moved the axis.
     goal: Option<f64>,
-    /// How far from `goal` the axis may be as it began to count in motion.
+    /// Tolerance of `goal` for increments that began in motion.
     slack: f64,
     lowest: f64,
     highest: f64,
@@ -44,7 +44,8 @@ fn random_jogs_keep_the_speed_and_the_distance_asked_for_and_the_dead_man() {
             (axis.lowest, axis.highest) = (here[i], here[i]);
         }
         let (mut is_increment, mut any) = (false, false);
-        // Of the present jog: its client, whether it is still held, when its last life sign was.
+        // Of the present jog: its client, whether its dead-man switch is held, and the time of its last
+        // keep-alive.
         let (mut client, mut is_held, mut alive_at) = (0, false, 0);
         let mut changed_at = bench.now;
         let mut log: Vec<String> = Vec::new();
@@ -73,7 +74,7 @@ fn random_jogs_keep_the_speed_and_the_distance_asked_for_and_the_dead_man() {
                     let sign = if random.below(2) == 0 { 1.0 } else { -1.0 };
                     jog.values[i] = sign * if adds { random.log(0.01, 40.0) } else { 1.0 };
                 }
-                // The state that the operator does not know yet.
+                // The operator does not know this state yet.
                 let at = bench.last;
                 // A jog of this axis may be on its way to the cycle.
                 let is_pending = was_moving && bench.now < changed_at + 60;
@@ -104,7 +105,7 @@ fn random_jogs_keep_the_speed_and_the_distance_asked_for_and_the_dead_man() {
                                 at.position[i]
                             };
                             if !adds_to_one {
-                                // Where it stops, and by how much late.
+                                // Where the axis stops, and how far it moves until the order is applied.
                                 let v = axis.top.max(at.velocity[i].abs());
                                 let moving = is_pending || at.velocity[i] != 0.0 || at.acceleration[i] != 0.0;
                                 axis.slack = if moving {
@@ -145,7 +146,7 @@ fn random_jogs_keep_the_speed_and_the_distance_asked_for_and_the_dead_man() {
                 bench.says(client, keep);
                 alive_at = bench.now;
             } else if random.below(10) == 0 {
-                // Another client's life sign keeps nothing going.
+                // A keep-alive of another client has no effect.
                 let keep = bench.command(CommandCode::JogKeep);
                 bench.says(9, keep);
             }
@@ -156,7 +157,7 @@ fn random_jogs_keep_the_speed_and_the_distance_asked_for_and_the_dead_man() {
                 left = 0;
                 is_held = false;
             }
-            // Now and then the control thread sleeps for longer than the lead of a change.
+            // Occasionally the control thread sleeps for longer than the lead of a change.
             let cycles = if random.below(25) == 0 {
                 20
             } else {
@@ -220,15 +221,14 @@ fn random_jogs_keep_the_speed_and_the_distance_asked_for_and_the_dead_man() {
         bench.runs(20);
         bench.ticks();
     }
-    // Otherwise the test has shown nothing.
+    // Otherwise the test proves nothing.
     assert!(
         taken_over > 100 && stopped_by_dead_man > 30 && increments_done > 30,
         "{taken_over} {stopped_by_dead_man} {increments_done}"
     );
 }
 
-/// Also a jog that takes over from one under way, and one that another replaces before the cycle has taken
-/// it.
+/// Includes a jog that replaces one in progress, and one that is replaced before the cycle applies it.
 #[test]
 fn each_jog_is_recorded_once() {
     let mut bench = Bench::new();
@@ -257,7 +257,7 @@ fn each_jog_is_recorded_once() {
     assert_eq!(jogs.len(), 4, "{jogs:?}");
 }
 
-/// Otherwise a client whose jog was taken over counts on life signs that do nothing.
+/// Otherwise a client whose jog was replaced would rely on keep-alives without effect.
 #[test]
 fn a_life_sign_for_the_jog_of_another_client_is_rejected_and_one_without_a_jog_is_not() {
     let mut bench = Bench::new();
@@ -278,7 +278,7 @@ fn a_life_sign_for_the_jog_of_another_client_is_rejected_and_one_without_a_jog_i
         "no longer its own"
     );
     assert_eq!(bench.reply(2, keep), None);
-    // Life signs that were on their way as the jog stopped.
+    // Keep-alives that were on their way when the jog stopped.
     assert_eq!(bench.reply(2, bench.command(CommandCode::JogStop)), None);
     assert_eq!(bench.reply(2, keep), None, "while it stops");
     for _ in 0..50 {
@@ -289,7 +289,7 @@ fn a_life_sign_for_the_jog_of_another_client_is_rejected_and_one_without_a_jog_i
     for client in [1, 2] {
         assert_eq!(bench.reply(client, keep), None, "after its end");
     }
-    // An increment ends by itself: nobody keeps it going.
+    // An increment ends by itself and needs no keep-alives.
     (jog.index, jog.values[0]) = (1, 5.0);
     assert_eq!(bench.reply(1, jog), None);
     assert_eq!(bench.reply(2, keep), None);

@@ -12,15 +12,15 @@ use super::jog_intent::{JogIntent, USUAL_FRACTION};
 use super::operator::{Job, Operator};
 use super::orders::{ActiveJob, CycleCommand};
 
-/// Maximum number of jogs whose way back is stored.
+/// Maximum number of jogs whose return is stored.
 const MAX_LEGS: usize = 64;
 /// Positions closer than this are the same, mm or degrees.
 const SAME: f64 = 1e-9;
 
-/// The motions that have led away from the held program.
+/// The motions that led away from the held program.
 #[derive(Default)]
 pub(super) struct Away {
-    /// Jogs, the oldest first. The way back passes the start of each in reverse order.
+    /// Jogs, the oldest first. The return passes the start of each in reverse order.
     legs: Vec<Leg>,
     motion: Option<AwayMotion>,
     return_speed: Option<f64>,
@@ -51,7 +51,7 @@ impl Away {
         }
     }
 
-    /// Removes legs that end where they began, after a jog.
+    /// After a jog, removes legs that end where they began.
     fn settle(&mut self, here: &Axes) {
         while self.legs.last().is_some_and(|leg| is_same(&leg.from, here)) {
             self.legs.pop();
@@ -76,7 +76,7 @@ impl Operator {
         matches!(&self.job, Job::Program(run) if run.away.is_some()) || self.view.leaving.is_away
     }
 
-    /// Why the program cannot be left here, if it cannot.
+    /// The reason why the program cannot be left here, if any.
     fn objection_to_leaving(&self) -> Option<Rejection> {
         let refused = |text: &str| Some(Rejection::new(Alarm::CannotLeave, text));
         if self.periphery.now().change_numbers().0 != 0 {
@@ -139,7 +139,7 @@ impl Operator {
                 format!("the way back of {MAX_LEGS} jogs is stored and no more; drive it with `return`"),
             ));
         }
-        // Jogs in a row of one axis are one leg.
+        // Consecutive jogs of one axis are one leg.
         let begins_leg = away.legs.last().is_none_or(|leg| leg.axis != axis);
         let begun = self
             .way_from_rest(jog, held)
@@ -171,8 +171,8 @@ impl Operator {
         Ok(())
     }
 
-    /// Notes that whatever moves the axes away from the program is to stop; the program stays held. Returns
-    /// whether anything moves, which [`CycleCommand::StopSteering`] stops then.
+    /// Notes that the motion of an excursion is to stop; the program stays held. Returns whether anything
+    /// moves; if so, [`CycleCommand::StopSteering`] stops it.
     pub(super) fn stop_away(&mut self) -> bool {
         let Some(away) = self.away() else { return false };
         away.is_returning = false;
@@ -182,7 +182,7 @@ impl Operator {
         away.motion.is_some()
     }
 
-    /// RETURN: drives the whole way back.
+    /// RETURN: drives back to the held program.
     ///
     /// # Errors
     /// The axes are not away, or still move.
@@ -203,7 +203,7 @@ impl Operator {
         self.go_back(Some(command))
     }
 
-    /// Begins the next part of the way back.
+    /// Begins the next leg of the return.
     fn go_back(&mut self, command: Option<&Command>) -> Result<(), Rejection> {
         let here = self.view.setpoint.position;
         let limits = limits_here(&self.limits, &here, self.desk.homed());
@@ -213,7 +213,7 @@ impl Operator {
             if is_retraced {
                 self.retrace_by(0, command);
             } else {
-                // The axes are there: a jog that comes now is not the way back.
+                // The axes are back: a jog that comes now is not part of the return.
                 away.is_returning = false;
             }
             return Ok(());
@@ -283,12 +283,12 @@ impl Operator {
         }
     }
 
-    /// The cycle has refused a motion of the excursion.
+    /// Handles a motion of the excursion that the cycle rejected.
     pub(super) fn handle_not_left(&mut self, work: ActiveJob) {
         drop(work);
         if let Some(away) = self.away() {
             (away.motion, away.is_returning) = (None, false);
-            // The jog has not moved: its leg is none.
+            // The jog has not moved, so it adds no leg.
             let here = self.view.setpoint.position;
             if let Some(away) = self.away() {
                 away.settle(&here);
@@ -298,7 +298,7 @@ impl Operator {
         self.forget_if_there();
     }
 
-    /// Ends the excursion if it has not begun.
+    /// Ends an excursion that has not moved.
     fn forget_if_there(&mut self) {
         if let Job::Program(run) = &mut self.job
             && !self.view.leaving.is_away
@@ -308,7 +308,7 @@ impl Operator {
         }
     }
 
-    /// A motion of the excursion has ended.
+    /// Handles the end of a motion of the excursion.
     pub(super) fn handle_away_ended(&mut self, result: JobResult, work: ActiveJob) {
         drop(work);
         if result == JobResult::Done && self.goes_on_from_rest() {
@@ -337,9 +337,9 @@ impl Operator {
         }
     }
 
-    /// The program has the axes again.
+    /// Handles the end of the excursion: the program has the axes again.
     pub(super) fn handle_is_back(&mut self) {
-        // A jog that was ordered meanwhile leaves the program again: its leg is needed.
+        // A jog that was ordered meanwhile leaves the program again, so its leg is kept.
         if let Job::Program(run) = &mut self.job
             && (run.away.as_ref()).is_none_or(|away| away.motion.is_none())
         {
@@ -349,7 +349,7 @@ impl Operator {
         }
     }
 
-    /// The way back in words, part by part.
+    /// The return as text, leg by leg.
     fn way_back(&self) -> String {
         let Job::Program(run) = &self.job else {
             return String::new();
@@ -373,7 +373,7 @@ impl Operator {
         text
     }
 
-    /// The axes that were jogged away, and the number of parts of the way back.
+    /// The axes that were jogged away, and the number of legs of the return.
     pub(crate) fn away_numbers(&self) -> (AxisMask, u32) {
         let Job::Program(run) = &self.job else {
             return (AxisMask::NONE, 0);

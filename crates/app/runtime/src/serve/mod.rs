@@ -1,4 +1,4 @@
-//! A machine that is served: one long-lived cycle, and jobs that come and go.
+//! A served machine: one long-lived cycle, and jobs that start and end.
 
 #[cfg(test)]
 mod bench;

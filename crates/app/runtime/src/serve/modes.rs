@@ -1,11 +1,11 @@
-//! The modes between jobs: what a block of MDI finds, and what it leaves.
+//! Modes between jobs: those in force when a block of MDI starts, and those that it leaves.
 
 use evolvent_gcode::{
     Diagnostic, Interpreter, KeptParameters, Modal, Outputs, Restored, Settings, StartOffsets, ToolTable,
 };
 use evolvent_path::{Axes, AxisLetter};
 
-/// What lines leave.
+/// The state after a program text.
 #[derive(Clone, Debug)]
 pub(crate) struct After {
     pub modes: Modes,
@@ -17,21 +17,21 @@ pub(crate) struct After {
 #[derive(Clone, Debug)]
 pub(crate) struct Modes {
     pub modal: Modal,
-    /// As a line of codes.
+    /// The modes as one line of codes.
     text: String,
-    /// The F word as it was written, and whether in inches.
+    /// The F word as written, and whether it is in inches.
     feed: Option<(f64, bool)>,
-    /// The spindle that threads and cycles without `$` are of.
+    /// The spindle of threads and cycles without `$`.
     active_spindle: u32,
 }
 
 impl Modes {
-    /// Those of a program's beginning.
+    /// The modes at the start of a program.
     pub(crate) fn at_start(settings: &Settings) -> Result<Self, Box<Diagnostic>> {
         simulate_modes("", settings, &KeptParameters::default()).map(|after| after.modes)
     }
 
-    /// What an interpreter has to know of these lines and of the modes before it reads them.
+    /// What an interpreter must know of the preamble and the previous modes before it reads the text.
     pub(crate) fn restored(&self, preamble: &str) -> Restored {
         Restored {
             lines: preamble.lines().count() as u32,
@@ -39,9 +39,9 @@ impl Modes {
         }
     }
 
-    /// Lines that bring an interpreter into these modes, apart from spindle, coolant, the selected tool, and
-    /// motions other than G0 and G1 (arcs and cycles do not stand alone on a line). Offsets of work and G92
-    /// are kept in parameters.
+    /// Lines that bring an interpreter into these modes. Excluded are spindle, coolant, the selected tool,
+    /// and motion modes other than G0 and G1, since arcs and cycles cannot be alone on a line. Work offsets
+    /// and G92 are kept in parameters.
     pub(crate) fn preamble(&self) -> String {
         let mut text = String::new();
         let offset = &self.modal.tool_offset;
@@ -64,7 +64,7 @@ impl Modes {
             let unit = if inches { "G20" } else { "G21" };
             let modes = [930, 940, 950];
             let mode = self.modal.codes.iter().find(|code| modes.contains(code));
-            // Feed per revolution is of one spindle, and another one would forget the feed.
+            // Feed per revolution refers to one spindle; with another one the feed would be lost.
             let spindle = self.text.split(' ').find(|word| word.starts_with('$'));
             let spindle = spindle.filter(|_| mode == Some(&950)).unwrap_or_default();
             text.push_str(&format!(
@@ -72,13 +72,14 @@ impl Modes {
                 mode.unwrap_or(&940) / 10
             ));
         }
-        // The first word is the motion; from S on come the words of the periphery.
+        // The first word is the motion; the words from S on belong to the periphery.
         let mut words = self.text.split(' ');
         let motion = words.next().filter(|word| ["G0", "G1"].contains(word));
         let words: Vec<&str> = words
             .take_while(|word| !word.starts_with('S'))
-            // Offsets of tools are given by their values above, and the work offset in force by the kept
-            // parameters. A G49 of MDI before a program would take back the length with which that has ended.
+            // Tool offsets are given by their values above, and the active work offset by the kept
+            // parameters. A G49 of an MDI block before a program would cancel the tool length at the end of
+            // that program.
             .filter(|word| {
                 !["G41", "G43", "G49"].contains(word) && !word.starts_with('F') && !selects_work(word)
             })
@@ -91,13 +92,13 @@ impl Modes {
     }
 }
 
-/// G54 to G59.3.
+/// Whether a word is one of G54 to G59.3.
 fn selects_work(word: &str) -> bool {
     (54..=59).any(|number| word.starts_with(&format!("G{number}")))
 }
 
-/// What a text leaves, found without moving anything; the first error in it otherwise. `kept` says which
-/// parameters count.
+/// Interprets a text without motion and returns the state after it, or its first error. `kept` lists the
+/// parameters that are kept.
 pub(crate) fn simulate_modes(
     text: &str,
     settings: &Settings,
@@ -105,7 +106,7 @@ pub(crate) fn simulate_modes(
 ) -> Result<After, Box<Diagnostic>> {
     let lines = text.lines().count() as u32;
     let padded = format!("{text}\n\n");
-    // Modes go on from block to block, that of the spindle (G96) among them.
+    // Modes persist from block to block, including the mode of the spindle (G96).
     let settings = Settings {
         is_block: true,
         ..settings.clone()
@@ -115,7 +116,7 @@ pub(crate) fn simulate_modes(
     let mut kept = kept.clone();
     kept.update(&interpreter);
     if interpreter.has_ended() {
-        // M2 or M30: what follows begins as a program does. G20 and G21 stay, as in LinuxCNC.
+        // After M2 or M30 the next text starts like a program. G20 and G21 persist, as in LinuxCNC.
         let tools = interpreter.tools().cloned();
         let fresh = Settings {
             outputs: Outputs::default(),
@@ -150,7 +151,7 @@ mod tests {
 
     use super::*;
 
-    /// With the work offset that is active at the start.
+    /// Starts with the given active work offset.
     fn after(text: &str, active: usize) -> After {
         let mut settings = Settings::default();
         settings.offsets.active = active;
@@ -196,7 +197,7 @@ mod tests {
             );
             let mut expected = modes.modal;
             expected.spindle_rpm = 0.0;
-            // The setup has it.
+            // The selected tool comes from the setup.
             expected.selected_tool = None;
             assert_eq!(again.modal, expected, "{text:?} by {:?}", modes.preamble());
             assert_eq!(
@@ -213,7 +214,7 @@ mod tests {
         }
     }
 
-    /// The contact of an earlier block is no contact of this one.
+    /// The contact of an earlier block does not count as contact of this one.
     #[test]
     fn an_abort_behind_a_probing_move_is_left_to_the_check() {
         let abort = "o1 if [#5070 NE 0]\n(ABORT,contact)\no1 endif\nG91\n";
@@ -227,7 +228,7 @@ mod tests {
         assert!(before.is_err());
     }
 
-    /// A program has ended since, of which the modes at the end are known, and not the words.
+    /// A program has ended in between. Its final modes are known, but not its words.
     #[test]
     fn the_tool_length_of_the_end_of_a_program_counts_behind_it() {
         for (text, length) in [
@@ -252,7 +253,7 @@ mod tests {
     fn the_work_offset_of_the_end_of_a_program_counts_behind_it() {
         let block = after("G55\n", 0);
         assert_eq!(block.kept.active_offset(), 1);
-        // A program has ended since, with M2: the next block begins in G54.
+        // A program has ended with M2 in between, so the next block begins in G54.
         let next = after(&(block.modes.preamble() + "G0 X1\n"), 0);
         assert_eq!(next.modes.modal.work_system, 540, "{:?}", block.modes.preamble());
         let stays = after(&(block.modes.preamble() + "G0 X1\n"), 1);
@@ -381,7 +382,7 @@ mod tests {
                 "{told}"
             );
         }
-        // A block that calls a contour which ends compensation is a contour.
+        // A block that calls a contour, and the contour ends its compensation, leaves none on.
         let contour = "o<cut> sub\nG41.1 D4\nG1 F100 X10\nX20\nG40 X30\no<cut> endsub\no<cut> call\n";
         assert!(fault(contour).is_none());
         let nurbs = fault("F100 G5.2 P1 L3 X0 Y1\n").unwrap();

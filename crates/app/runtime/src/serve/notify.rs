@@ -1,4 +1,4 @@
-//! What a service manager receives: ready, alive, stopping (the protocol of systemd's `sd_notify`).
+//! Notifications to the service manager: ready, alive, stopping (the protocol of systemd's `sd_notify`).
 
 use std::cell::RefCell;
 use std::ffi::OsStr;
@@ -11,11 +11,12 @@ use std::time::{Duration, Instant};
 
 use crate::rt::take_turns;
 
-/// A sign of life; each is followed by the next.
+/// The watchdog message; it is sent periodically.
 const ALIVE: &str = "WATCHDOG=1";
-/// How long news is offered to a manager that has no room for it: Linux lets as few as ten wait.
+/// Time for which a message is offered while the manager's queue is full: Linux queues as few as ten
+/// messages.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Time between two offers.
+/// Time between two attempts.
 const OFFER_EVERY: Duration = Duration::from_millis(2);
 
 /// The manager's socket, if there is one.
@@ -23,14 +24,14 @@ const OFFER_EVERY: Duration = Duration::from_millis(2);
 pub(crate) struct SystemdNotifier {
     socket: Option<(UnixDatagram, SocketAddr)>,
     patience: Duration,
-    /// Offers what has found no room. At the end it is waited for.
+    /// The thread that retries messages which did not fit. It is joined at the end.
     late: RefCell<Option<JoinHandle<()>>>,
-    /// How often it wants a sign of life.
+    /// Interval of watchdog messages.
     pub watchdog: Option<Duration>,
 }
 
 impl SystemdNotifier {
-    /// As the environment says: `NOTIFY_SOCKET`, `WATCHDOG_USEC`, `WATCHDOG_PID`.
+    /// Reads the environment: `NOTIFY_SOCKET`, `WATCHDOG_USEC`, `WATCHDOG_PID`.
     pub(crate) fn of_environment() -> Self {
         let number = |variable: &str| std::env::var(variable).ok()?.parse::<u64>().ok();
         let mine = number("WATCHDOG_PID").is_none_or(|pid| pid == u64::from(std::process::id()));
@@ -39,12 +40,12 @@ impl SystemdNotifier {
             socket: std::env::var_os("NOTIFY_SOCKET").and_then(|name| socket(&name)),
             patience: PATIENCE,
             late: RefCell::default(),
-            // Twice as often as it has to be.
+            // Twice as often as required.
             watchdog: watchdog.map(|us| Duration::from_micros(us / 2)),
         }
     }
 
-    /// Tells the manager; without one nothing happens. Never waits: whoever calls it has a machine to stop.
+    /// Sends a message to the manager, if there is one. Never waits: the caller may have to stop a machine.
     pub(crate) fn tell(&self, text: &'static str) {
         let Some((socket, address)) = &self.socket else {
             return;
@@ -59,7 +60,7 @@ impl SystemdNotifier {
         }
     }
 
-    /// Tells what has found no room, on a thread of its own, after what found none before.
+    /// Sends a message that did not fit, on a separate thread, after earlier ones that did not fit.
     fn offer(&self, socket: &UnixDatagram, address: SocketAddr, text: &'static str) {
         let Ok(socket) = socket.try_clone() else {
             return;
@@ -73,7 +74,7 @@ impl SystemdNotifier {
                 thread::sleep(OFFER_EVERY);
             }
         });
-        // Without a thread it is lost, as it was without room.
+        // Without a thread the message is lost.
         self.late.replace(offering.ok());
     }
 }
@@ -84,7 +85,7 @@ impl Drop for SystemdNotifier {
     }
 }
 
-/// Whether it need not be told again: a manager that has gone needs no news.
+/// Whether the message need not be sent again, including when the manager has gone.
 fn is_taken(socket: &UnixDatagram, address: &SocketAddr, text: &str) -> bool {
     let sent = socket.send_to_addr(text.as_bytes(), address);
     sent.map_or_else(|error| error.kind() != ErrorKind::WouldBlock, |_| true)
@@ -104,7 +105,7 @@ fn socket(name: &OsStr) -> Option<(UnixDatagram, SocketAddr)> {
 mod tests {
     use super::*;
 
-    /// A manager's ear, and who talks into it.
+    /// A manager's socket, and a notifier connected to it.
     fn listened(folder: &tempfile::TempDir) -> (UnixDatagram, SystemdNotifier) {
         let path = folder.path().join("notify");
         let hears = UnixDatagram::bind(&path).unwrap();

@@ -1,4 +1,4 @@
-//! The control thread's side of a served machine: commands carried out, jobs followed, faults told.
+//! The control thread's side of a served machine: carries out commands, follows jobs, reports faults.
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -33,8 +33,8 @@ use crate::job::Setup;
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 use crate::periphery_track::PeripheryOrder;
 
-/// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns: the
-/// watch begins when power is requested, which may be 2.5 s after the command.
+/// Additional time after which the operator reports that drives do not come into operation, beyond the time
+/// of the cycle's watch, ns. The watch starts when power is requested, which may be 2.5 s after the command.
 const ENABLE_MARGIN_NS: u64 = 2_600_000_000;
 
 pub(super) enum Job {
@@ -52,13 +52,13 @@ pub(super) enum Job {
     },
 }
 
-/// Why the job does not go on, or not for long.
+/// Why the job does not continue, or will end soon.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct StopState {
     pub(super) hold: bool,
-    /// The job received a stop: nothing resumes it.
+    /// The job received a stop and cannot be resumed.
     pub(super) stopping: bool,
-    /// The job was stopped by an emergency stop: what its program switches counts no more.
+    /// An emergency stop ended the job: what its program switches no longer counts.
     pub(super) is_emergency: bool,
     /// The process is to end.
     pub(super) ending: bool,
@@ -77,7 +77,7 @@ pub(crate) struct Operator {
     pub(super) view: CycleView,
     /// Number of the last order for power.
     pub(super) power_order: u64,
-    /// Events of cycles whose view has not come.
+    /// Events of cycles whose view has not arrived yet.
     inbox: VecDeque<CycleEvent>,
     pub(super) drives: DriveView,
     pub(super) book: OrderBook,
@@ -85,20 +85,20 @@ pub(crate) struct Operator {
     pub(super) stops: StopState,
     pub(super) program: ProgramDesk,
     pub(super) files: FileWork,
-    /// Spindle, coolant and tool as they are now.
+    /// Present state of spindle, coolant and tool.
     pub(super) periphery: PeripheryDesk,
     pub(super) handwheel: Option<HandwheelDesk>,
     pub(super) message: OperatorMessage,
     pub(super) malformed: u64,
 }
 
-/// What the operator begins with.
+/// Parts from which an [`Operator`] is built.
 pub(crate) struct OperatorConfig {
     pub setup: Setup,
     pub keep: StateStore,
     pub folder: PathBuf,
     pub orders: Producer<Order>,
-    /// Past the queue of the orders.
+    /// Orders that bypass the queue.
     pub urgent: Arc<UrgentOrders>,
     pub recorder: Option<Sender<FeederEvent>>,
     /// To the publisher.
@@ -107,10 +107,10 @@ pub(crate) struct OperatorConfig {
 }
 
 impl Operator {
-    /// Stands at its desk.
+    /// Builds the operator's side.
     ///
     /// # Errors
-    /// What was kept of parameters does not fit the machine.
+    /// The kept parameters do not fit the machine.
     pub(crate) fn new(beginning: OperatorConfig) -> Result<Self, String> {
         let OperatorConfig {
             setup,
@@ -139,14 +139,14 @@ impl Operator {
         let limits = machine.limits();
         let bounds = watch_settings(machine, setup.period_ns).bounds;
         let mut desk = OperatorState::default();
-        // Axes that the core cannot home stand where the machine file says, or where their drives say, as
-        // long as these keep it.
+        // Axes that the core cannot home are at the position in the machine file or, if the drives keep
+        // theirs, at the position that the drives report.
         desk.set_homed(present.without(to_home));
-        // The cycle's watch has the same time and knows which drive it is: this comes second.
+        // The cycle's watch has the same timeout and knows which drive it is, so this one comes second.
         let enable_timeout_ns = (machine.drives.enable_timeout_s * 1e9) as u64;
         desk.set_enable_timeout_ns(enable_timeout_ns.saturating_add(ENABLE_MARGIN_NS));
         if !keep.complaints.is_empty() {
-            // One alarm: of two the second would not be seen.
+            // One alarm: of two, the second would not be seen.
             desk.raise(Alarm::NotRead, keep.complaints.join("; "));
         }
         if let Some(mark) = keep.change {
@@ -180,7 +180,7 @@ impl Operator {
         Ok(operator)
     }
 
-    /// The setup of a job that begins here and now.
+    /// The setup of a job that begins now at the present position.
     pub(super) fn setup_here(&self) -> Setup {
         let mut setup = self.setup.clone();
         setup.memory = self.keep.memory.clone();
@@ -195,7 +195,7 @@ impl Operator {
         setup
     }
 
-    /// The same, where lines come first that bring the present modes.
+    /// The same with `preamble` before the text, which restores the present modes.
     pub(super) fn setup_after(&self, preamble: &str) -> Setup {
         let mut setup = self.setup_here();
         setup.restored = self.program.modes.restored(preamble);
@@ -206,7 +206,7 @@ impl Operator {
         self.keep.memory.kept.clone().unwrap_or_default()
     }
 
-    /// Works the modes out again: after offsets or tools were changed from outside.
+    /// Computes the modes again after offsets or tools changed from outside.
     pub(super) fn refresh_modes(&mut self) {
         let preamble = self.program.modes.preamble();
         let settings = self.setup_after(&preamble).interpreter_settings();
@@ -215,20 +215,20 @@ impl Operator {
         }
     }
 
-    /// Requests of another version or size so far.
+    /// Number of requests of another version or size so far.
     pub(crate) fn malformed(&self) -> u64 {
         self.malformed
     }
 
     pub(super) fn is_held(&self) -> bool {
         let state = self.view.setpoint.state;
-        // A user-defined M code, or a wait for an input, has to end by itself before the program goes on.
+        // A user-defined M code and a wait for an input must end before the program continues.
         let at_stop = state == State::ProgramStop && !self.is_waiting();
         let is_held = self.stops.hold || at_stop || matches!(state, State::Holding | State::Held);
         is_held && !self.stops.stopping
     }
 
-    /// Whether a tool change was broken off and nobody has named the tool in the spindle since.
+    /// Whether a tool change was interrupted and the tool in the spindle has not been declared since.
     pub(crate) fn is_tool_unknown(&self) -> bool {
         self.keep.change.is_some() && !self.keep.is_change_under_way
     }
@@ -238,14 +238,14 @@ impl Operator {
         self.stops.hold
     }
 
-    /// An emergency stop: whatever runs or is about to is given up.
+    /// Emergency stop: ends the job and everything pending.
     pub(super) fn break_off(&mut self, result: JobResult) {
         self.cancel_reading();
         self.give_up_waiting(result);
         self.cancel_command();
         self.cancel_homing(result);
         if !matches!(self.job, Job::None) {
-            // It may be on its way to the cycle, which has found the chain open and has stopped nothing.
+            // The job may be on its way to a cycle that has found the chain open and stopped nothing.
             self.order(CycleCommand::Stop);
         }
         self.stops.is_emergency = true;
@@ -256,7 +256,7 @@ impl Operator {
         self.book.order(what)
     }
 
-    /// An order that is recorded where it takes effect.
+    /// Sends an order that is recorded where it takes effect.
     pub(super) fn send(&mut self, what: CycleCommand, command: &Command) -> u64 {
         self.book.send(what, command)
     }
@@ -298,7 +298,7 @@ impl Operator {
         self.program.modes.modal.work_offset - kept.work_offset(kept.active_offset())
     }
 
-    /// The process is to end: everything stops, and then the cycle ends.
+    /// Ends the process: everything stops, then the cycle ends.
     pub(crate) fn end(&mut self) {
         if !self.stops.ending {
             self.stops.ending = true;
@@ -317,17 +317,18 @@ impl Operator {
         }
     }
 
-    /// The trace goes on in another file after the present setpoint.
+    /// Begins another trace file after the present setpoint.
     pub(crate) fn begin_trace_file(&mut self) {
         self.book.begin_file(self.view.setpoint.sequence);
     }
 
-    /// Whether nothing moves and nothing is about to.
+    /// Whether nothing moves and no motion is pending.
     pub(crate) fn is_idle(&self) -> bool {
         matches!(self.job, Job::None) && self.files.reading.is_none() && self.view.at_rest
     }
 
-    /// The trace cannot be written any more. Whether the machine goes on, its file says.
+    /// Handles a trace that can no longer be written. The machine file determines whether the machine
+    /// continues.
     pub(crate) fn trace_failed(&mut self, text: &str) {
         self.desk.raise(Alarm::Trace, text);
         if self.setup.machine.trace.on_full == OnFull::Stop {
@@ -337,7 +338,7 @@ impl Operator {
         }
     }
 
-    /// Takes in what has come since the last time, and goes on with what is under way.
+    /// Takes in what arrived since the last call, and continues what is in progress.
     pub(crate) fn tick(
         &mut self,
         now_ns: u64,
@@ -350,15 +351,15 @@ impl Operator {
             observe(&view);
             self.view = view;
             if self.view.datum < self.drives.datum {
-                // What begins now begins by the new names.
+                // What begins now uses the new coordinates.
                 self.view.setpoint.position += self.drives.renaming;
             } else {
                 self.drives.renaming = Axes::zeros();
             }
         }
-        // After the views: a cycle reports its events before its view, so whatever led to what the view shows
-        // is here too. The other way round power could be seen to be gone before its alarm, and a job would
-        // end without a reason.
+        // Events are read after the views. A cycle reports its events before its view, so the events that led
+        // to the view are here too. In the other order, power could appear gone before its alarm, and a job
+        // would end without a reason.
         while let Ok(event) = events.pop() {
             self.inbox.push_back(event);
         }
@@ -384,22 +385,23 @@ impl Operator {
                 }
             }
         }
-        // A view from before the order does not show what the order does.
+        // A view from before the order does not show the effect of the order.
         let is_settled = self.view.power_order == self.power_order;
         let is_powered = self.view.power == PowerRequest::On && is_settled;
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
         let wanted_power = self.desk.wants_power();
         self.desk.enable(is_powered && are_ready, now_ns);
         if wanted_power && !self.desk.wants_power() {
-            // Too late: power does not come by itself afterwards.
+            // Too late: power must not come on by itself afterwards.
             self.power_order = self.book.order(CycleCommand::Power(PowerRequest::Off));
         }
         if is_settled && !is_powered && self.desk.machine() == MachineState::On {
-            // Whatever took the power: a machine that is on without it would accept jobs that move nothing.
+            // Whatever removed the power: a machine that is on without power would accept jobs that move
+            // nothing.
             self.lose_power();
         }
-        // The program waits for a spindle, an input or a program of a user in the state of a program stop: no
-        // operator holds it.
+        // While the program waits for a spindle, an input or a user-defined M code, its state is that of a
+        // program stop although no operator holds it.
         let is_held = match self.view.setpoint.state {
             State::Held => true,
             State::ProgramStop => !self.is_waiting(),
@@ -412,7 +414,7 @@ impl Operator {
         self.remove_whole_turns();
         if let Some(text) = self.files.way.as_ref().and_then(|way| way.try_recv().ok()) {
             self.files.way = None;
-            // Who has stopped meanwhile needs it no more.
+            // A job that was stopped meanwhile does not need it any more.
             if matches!(self.job, Job::Program(_)) {
                 self.message.tell_of_stop(text);
             }
@@ -420,7 +422,7 @@ impl Operator {
         self.tell_check();
     }
 
-    /// What the check beside has come to.
+    /// Reports the result of the separate check.
     fn tell_check(&mut self) {
         let Some(finding) = self.files.checking.as_mut().and_then(Checking::finding) else {
             return;
@@ -438,7 +440,7 @@ impl Operator {
         self.message.tell_of_program(text);
     }
 
-    /// What of programs could not be checked since the last call.
+    /// Parts of programs that could not be checked, since the last call.
     pub(super) fn take_cautions(&mut self) -> Vec<String> {
         std::mem::take(&mut self.files.cautions)
     }
@@ -446,12 +448,12 @@ impl Operator {
     pub(super) fn end_job(&mut self, result: JobResult) {
         if matches!(self.job, Job::Homing { .. }) {
             self.order(CycleCommand::ExpectSwitches([AxisMask::NONE; 2]));
-            // Back to the travel as it is.
+            // Restores the present limits of travel.
             self.relocate(self.view.setpoint.position, false);
         }
         self.judge_change();
         self.program.tally.end(result == JobResult::Done);
-        // A program that did not come to its end has not switched off what it had on.
+        // A program that did not reach its end has not switched off what it had switched on.
         let is_broken_off = matches!(self.job, Job::Program(_)) && result != JobResult::Done;
         if is_broken_off || result == JobResult::Fault {
             self.switch_periphery_off();

@@ -1,4 +1,4 @@
-//! The text for the operator in the status, and for how long it is true.
+//! The text for the operator in the status, and how long it is valid.
 
 use evolvent_motion::State;
 
@@ -9,17 +9,17 @@ pub(super) struct OperatorMessage {
     validity: Validity,
 }
 
-/// Until when a message is shown, if no other takes its place.
+/// How long a message is shown unless another replaces it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Validity {
     /// Until the next job begins.
     #[default]
     NextJob,
-    /// The same, and until another program is loaded.
+    /// Until the next job begins or another program is loaded.
     ThisProgram,
-    /// Until the job ends that it is about.
+    /// Until the job that it is about ends.
     ThisJob,
-    /// Until the program goes on from where it stands, or will stand.
+    /// Until the program continues from its present or next stop.
     Stop { is_there: bool },
 }
 
@@ -32,27 +32,27 @@ impl OperatorMessage {
         self.text.clear();
     }
 
-    /// Something that has happened.
+    /// Reports an event.
     pub(super) fn tell(&mut self, text: impl Into<String>) {
         (self.text, self.validity) = (text.into(), Validity::NextJob);
     }
 
-    /// Something about the program that is loaded.
+    /// Reports something about the loaded program.
     pub(super) fn tell_of_program(&mut self, text: impl Into<String>) {
         (self.text, self.validity) = (text.into(), Validity::ThisProgram);
     }
 
-    /// Something that is so for no longer than the job.
+    /// Reports something that is valid during the job only.
     pub(super) fn tell_of_job(&mut self, text: impl Into<String>) {
         (self.text, self.validity) = (text.into(), Validity::ThisJob);
     }
 
-    /// Something about the stop at which the program stands or which comes next, such as a request.
+    /// Reports something about the present or next stop of the program, such as a request to the operator.
     pub(super) fn tell_of_stop(&mut self, text: impl Into<String>) {
         (self.text, self.validity) = (text.into(), Validity::Stop { is_there: false });
     }
 
-    /// The program is in this state.
+    /// Notes the state of the program.
     pub(super) fn follow(&mut self, state: State) {
         if let Validity::Stop { is_there } = &mut self.validity {
             let stands = matches!(state, State::ProgramStop | State::Held);
@@ -71,7 +71,7 @@ impl OperatorMessage {
         }
     }
 
-    /// A program is to be loaded.
+    /// Another program is about to be loaded.
     pub(super) fn program_changes(&mut self) {
         if self.validity == Validity::ThisProgram {
             self.text.clear();

@@ -1,4 +1,4 @@
-//! Orders to the cycle, and what the trace receives of them where they take effect.
+//! Orders to the cycle, and their records in the trace where they take effect.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -13,8 +13,8 @@ use super::recorded::JobNotes;
 use super::urgent::{Urgent, UrgentOrders};
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 
-/// The last part of the queue is for what the core orders by itself: with less, commands are refused that
-/// begin or change something.
+/// Entries of the queue reserved for orders of the core itself. When no more than these are free, commands
+/// that begin or change something are rejected.
 const KEPT_FOR_THE_CORE: usize = 256;
 
 /// A command on its way to the cycle.
@@ -34,13 +34,12 @@ impl PendingCommand {
     }
 }
 
-/// An override: of many that come within one cycle only the newest is sent, so that they never fill the
-/// queue.
+/// An override. If several arrive within one cycle, only the newest is sent, so they never fill the queue.
 #[derive(Default)]
 struct OverrideTrack {
     /// The order that the cycle has not taken yet.
     sent: Option<u64>,
-    /// What replaces it once it has.
+    /// Sent once the cycle has taken that order.
     next: Option<(CycleCommand, PendingCommand)>,
 }
 
@@ -49,20 +48,20 @@ pub(super) struct OrderBook {
     orders: Producer<Order>,
     urgent: Arc<UrgentOrders>,
     next_id: u64,
-    /// Commands whose orders the cycle has not taken, by the numbers of these.
+    /// Commands whose orders the cycle has not taken, with the numbers of their orders.
     pending: VecDeque<(u64, PendingCommand)>,
-    /// Urgent orders, which overtake the others: also those without a command, because one that the cycle
-    /// reports stands for all of its kind before it, and for none of the queue.
+    /// Urgent orders, which overtake the others, including those without a command: the report of one covers
+    /// all earlier ones of its kind, and none of the queue.
     pending_urgent: VecDeque<(Urgent, u64, Option<PendingCommand>)>,
-    /// Of the feed, and of the spindles.
+    /// The feed override, and the spindle override.
     overrides: [OverrideTrack; 2],
-    /// Holds and stops of steered motions that the cycle has not taken yet: the same again needs no other
+    /// Holds and stops of steered motions that the cycle has not taken yet. Repeating one needs no further
     /// order.
     repeatable: [Option<u64>; 2],
-    /// What did not fit into the queue.
+    /// Orders that did not fit into the queue.
     lost: Vec<Order>,
     pub(super) recorder: Option<Sender<FeederEvent>>,
-    /// What the trace receives of jobs.
+    /// The records of jobs in the trace.
     pub(super) notes: JobNotes,
 }
 
@@ -86,16 +85,16 @@ impl OrderBook {
         }
     }
 
-    /// Sends an order. Returns its number; that of an order on its way where it is one with it.
+    /// Sends an order. Returns its number, or that of a pending order with the same effect.
     pub(super) fn order(&mut self, what: CycleCommand) -> u64 {
         self.push(what, None)
     }
 
-    /// An order that is recorded where it takes effect.
+    /// Sends an order that is recorded where it takes effect.
     pub(super) fn send(&mut self, what: CycleCommand, command: &Command) -> u64 {
         let command = PendingCommand::new(command);
         if let Some(which) = override_of(&what) {
-            // Its number is given when it is sent.
+            // Its number is assigned when it is sent.
             self.overrides[which].next = Some((what, command));
             self.send_overrides(false);
             return 0;
@@ -111,7 +110,7 @@ impl OrderBook {
         let repeatable = repeatable_of(&what);
         if let Some(id) = repeatable.and_then(|which| self.repeatable[which]) {
             if let Some(command) = command {
-                // It counts together with the order on its way, which later ones may have followed.
+                // It takes effect together with the pending order, which later ones may have followed.
                 let at = self.pending.partition_point(|(known, _)| *known <= id);
                 self.pending.insert(at, (id, command));
             }
@@ -127,7 +126,7 @@ impl OrderBook {
             return id;
         }
         if let Err(PushError::Full(order)) = self.orders.push(Order { id, what }) {
-            // A cycle that takes no orders any more, or far too few: whatever it does must end.
+            // The cycle takes no orders any more, or far too few, so it must stop.
             self.lost.push(order);
             self.next_id += 1;
             self.push_urgent(Urgent::Emergency, None);
@@ -142,18 +141,18 @@ impl OrderBook {
         id
     }
 
-    /// Sends the newest number past the queue.
+    /// Sends the newest number outside the queue.
     fn push_urgent(&mut self, urgent: Urgent, command: Option<PendingCommand>) {
         self.pending_urgent.push_back((urgent, self.next_id, command));
         self.urgent.order(urgent, self.next_id);
     }
 
-    /// Sends the overrides that wait, where the cycle has taken the one before or `all` are wanted now.
+    /// Sends waiting overrides if the cycle has taken the preceding one, or in any case with `all`.
     fn send_overrides(&mut self, all: bool) {
         for which in 0..self.overrides.len() {
             let track = &mut self.overrides[which];
             if self.orders.is_full() || (track.sent.is_some() && !all) {
-                // Another order that the cycle takes brings it here again.
+                // The next order that the cycle takes calls this function again.
                 continue;
             }
             let Some((what, command)) = track.next.take() else {
@@ -163,7 +162,7 @@ impl OrderBook {
         }
     }
 
-    /// Whether the cycle is behind with what it was ordered.
+    /// Whether the cycle lags behind its orders.
     pub(super) fn is_crowded(&self) -> bool {
         self.orders.slots() < KEPT_FOR_THE_CORE.min(self.orders.buffer().capacity() / 4)
     }
@@ -174,21 +173,21 @@ impl OrderBook {
         self.orders.is_full()
     }
 
-    /// What did not fit into the queue since the last call. The cycle has the order of an emergency stop
-    /// then.
+    /// Orders that did not fit into the queue since the last call. The cycle has then received an emergency
+    /// stop.
     pub(super) fn take_lost(&mut self) -> Vec<Order> {
         std::mem::take(&mut self.lost)
     }
 
-    /// An order counts from this setpoint on: the command or job that it carries is recorded.
+    /// Notes that an order took effect with this setpoint, and records its command or job.
     pub(super) fn applied(&mut self, id: u64, sequence: u64) {
         if let Some(recorder) = &self.recorder {
             self.notes.applied(recorder, id, sequence);
         }
         if let Some((kind, ..)) = self.pending_urgent.iter().find(|(_, known, _)| *known == id) {
             let kind = *kind;
-            // Older ones of its kind have counted together with it. Those of the queue count when the cycle
-            // comes to them.
+            // Older orders of its kind took effect with it. Those of the queue take effect when the cycle
+            // takes them.
             while let Some(at) =
                 (self.pending_urgent.iter()).position(|(other, known, _)| *other == kind && *known <= id)
             {
@@ -230,7 +229,7 @@ impl OrderBook {
         }
     }
 
-    /// The trace goes on in another file after this setpoint.
+    /// Begins another trace file after this setpoint.
     pub(super) fn begin_file(&mut self, sequence: u64) {
         if let Some(recorder) = &self.recorder {
             self.notes.begin_file();
@@ -239,7 +238,7 @@ impl OrderBook {
     }
 }
 
-/// The part of a command that cannot wait in a queue.
+/// The part of a command that bypasses the queue.
 const fn urgent_of(what: &CycleCommand) -> Option<Urgent> {
     match what {
         CycleCommand::Emergency => Some(Urgent::Emergency),
@@ -249,7 +248,7 @@ const fn urgent_of(what: &CycleCommand) -> Option<Urgent> {
     }
 }
 
-/// Which override it sets.
+/// Which override a command sets.
 const fn override_of(what: &CycleCommand) -> Option<usize> {
     match what {
         CycleCommand::Override(_) => Some(0),
@@ -258,7 +257,7 @@ const fn override_of(what: &CycleCommand) -> Option<usize> {
     }
 }
 
-/// Which of the orders it is that say the same a second time.
+/// Which kind of repeatable order a command is.
 const fn repeatable_of(what: &CycleCommand) -> Option<usize> {
     match what {
         CycleCommand::Hold => Some(0),
@@ -267,8 +266,7 @@ const fn repeatable_of(what: &CycleCommand) -> Option<usize> {
     }
 }
 
-/// Whether a hold or a stop that is ordered after it says something new: it lets the axes move, or ends a
-/// hold.
+/// Whether a hold or stop ordered after this command is a new one: the command permits motion or ends a hold.
 const fn ends_repetition(what: &CycleCommand) -> bool {
     matches!(
         what,
@@ -288,7 +286,7 @@ mod tests {
 
     use super::*;
 
-    /// A book, its queue and what it records.
+    /// A book with its queue and its records.
     struct Desk {
         book: OrderBook,
         queue: Consumer<Order>,
@@ -307,7 +305,7 @@ mod tests {
             }
         }
 
-        /// Commands that were recorded since the last call, with their setpoints.
+        /// Commands recorded since the last call, with their setpoints.
         fn records(&self) -> Vec<(String, u64)> {
             let events = self.recorded.try_iter().filter_map(|event| match event {
                 FeederEvent::ExternalEvent(event) => Some((event.text, event.sequence)),
@@ -324,8 +322,8 @@ mod tests {
         texts.collect()
     }
 
-    /// ESTOP during a job: its stop has no command of its own, and the cycle reports it before the override
-    /// that it had popped.
+    /// ESTOP during a job: its stop has no command of its own. The cycle reports it before the override,
+    /// which the cycle took from the queue earlier.
     #[test]
     fn a_stop_without_a_command_discards_no_command_of_the_queue() {
         let mut desk = Desk::new(64);
@@ -358,7 +356,7 @@ mod tests {
         );
     }
 
-    /// What does not fit becomes an emergency stop, which leaves what did fit as it is.
+    /// An order that does not fit causes an emergency stop, which does not affect orders that did fit.
     #[test]
     fn a_queue_that_was_full_discards_no_command_that_is_in_it() {
         let mut desk = Desk::new(1);
@@ -370,7 +368,7 @@ mod tests {
         assert_eq!(desk.records(), records_of(&[(&Command::ClearAlarms, 11)]));
     }
 
-    /// However often HOLD comes before the cycle takes it, it is one order, and each HOLD is recorded.
+    /// However often HOLD arrives before the cycle takes it, it is one order, and each HOLD is recorded.
     #[test]
     fn a_hold_on_its_way_is_not_ordered_again_until_something_ends_it() {
         let mut desk = Desk::new(64);
@@ -381,7 +379,7 @@ mod tests {
         assert_eq!(desk.book.send(CycleCommand::Hold, &Command::Hold), first);
         assert_eq!(desk.book.order(CycleCommand::StopSteering), stop);
         assert_eq!(desk.queue.slots(), 3);
-        // A hold after it holds again.
+        // A hold after this one is a new order.
         let resume = desk.book.send(CycleCommand::Resume(None), &Command::Resume);
         let again = desk.book.send(CycleCommand::Hold, &Command::Hold);
         assert!(resume > stop && again > resume);
@@ -399,11 +397,12 @@ mod tests {
                 (&Command::Hold, 15),
             ])
         );
-        // The cycle may have ended it meanwhile.
+        // The cycle may have ended the hold meanwhile.
         assert!(desk.book.order(CycleCommand::Hold) > again);
     }
 
-    /// It was accepted, so it counts once there is room; and turning a knob stops nothing.
+    /// The command was accepted, so it takes effect once there is capacity; changing an override stops
+    /// nothing.
     #[test]
     fn an_override_waits_while_the_queue_is_full() {
         let mut desk = Desk::new(1);

@@ -1,4 +1,4 @@
-//! What control and cycle tell one another, over wait-free queues.
+//! Messages between control thread and cycle, over wait-free queues.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,7 +15,7 @@ use evolvent_turning::Reason;
 use crate::due_setpoint::SpindleOverrides;
 use crate::handwheel_view::HandwheelView;
 
-/// A job along a plan, from the control thread to the cycle and back to be dropped.
+/// A job along a plan, passed from the control thread to the cycle and back to be dropped.
 pub(crate) struct Following {
     pub motion: PathExecutor,
     pub queue: PlanConsumer,
@@ -24,16 +24,16 @@ pub(crate) struct Following {
     pub job: u64,
     /// The number of its first block.
     pub first_block: u32,
-    /// What it schedules of outputs and waits, where the machine has any; until it begins.
+    /// Scheduled outputs and waits, if the machine has signals; taken when the job begins.
     pub schedule: Option<ScheduleConsumer>,
 }
 
-/// What planner and control of one job tell each other.
+/// Flags shared by the planner and the control thread of one job.
 #[derive(Debug, Default)]
 pub(crate) struct JobFlags {
-    /// The planner need not go on.
+    /// The rest of the plan is not needed.
     pub abandoned: AtomicBool,
-    /// The plan ends before the program does. Set before the plan's end is handed on.
+    /// The plan ends before the program does. Set before the end of the plan is passed on.
     pub failed: AtomicBool,
 }
 
@@ -50,20 +50,20 @@ pub(crate) enum ActiveJob {
     Steer(Box<TransferExecutor>),
 }
 
-/// One order to the cycle. Those with an `id` above 0 are reported with the setpoint from which they count.
+/// An order to the cycle. If `id` is above 0, the cycle reports the setpoint with which it takes effect.
 pub(crate) struct Order {
     pub id: u64,
     pub what: CycleCommand,
 }
 
-// Limits are no box: that would have to be freed in the cycle.
+// `Limits` are not boxed: the cycle would have to free the box.
 pub(crate) enum CycleCommand {
     /// Begin a job along a plan.
     Follow(Box<Following>),
     /// Begin a steered motion, or a transfer of the excursion if a program is held.
     Steer(Box<TransferExecutor>),
-    /// Change to this steering right after setpoint `after`, which may go on until `until_ns` of
-    /// CLOCK_MONOTONIC. Reported where that has been done.
+    /// Change to this motion after setpoint `after`; it may continue until `until_ns` of CLOCK_MONOTONIC.
+    /// Reported once done.
     Turn {
         after: u64,
         until_ns: u64,
@@ -75,69 +75,69 @@ pub(crate) enum CycleCommand {
         back: u32,
     },
     Hold,
-    /// Ends a hold, and continues after the program stop that is preceded by this number of actions, if the
+    /// End a hold, and continue after the program stop that is preceded by this number of actions, if the
     /// machine is stopped there.
     Resume(Option<u32>),
-    /// The same without ending a hold.
+    /// Continue after a program stop without ending a hold.
     GoOn(u32),
     Stop,
     /// Stop a steered motion or the motion of an excursion; a held program stays held.
     StopSteering,
     Override(f64),
     SpindleOverride(f64),
-    /// Every axis stops by itself, and the drives stop by themselves.
+    /// Stop each axis on its own; the drives perform their quick stop.
     Emergency,
-    /// Out of the emergency stop, without power yet.
+    /// Leave the emergency stop, without power.
     LeaveEstop,
-    /// Outputs by hand. Its moment counts for nothing.
+    /// Set outputs by hand. The moment of the change is ignored.
     Outputs(Change),
     Power(PowerRequest),
-    /// Faults of core and drives are over.
+    /// Clear faults of core and drives.
     Clear,
-    /// The axes stand; this place has these coordinates and limits. `renames`: the drives must take over the
-    /// new names.
+    /// Give the position at which the axes are at rest these coordinates, and set limits. `renames`: the
+    /// drives must take over the new coordinates.
     Relocate {
         position: Axes,
         limits: Limits,
         renames: bool,
     },
-    /// The steered motion may go on until this time, ns of CLOCK_MONOTONIC.
+    /// The steered motion may continue until this time, ns of CLOCK_MONOTONIC.
     KeepJogging(u64),
-    /// The next job has this travel: the guard checks it from now on, at rest.
+    /// The travel of the next job, at rest: the guard uses it from now on.
     Within(Limits),
-    /// Limit switches of these axes, at negative and positive ends, are looked at by the homing sequence.
+    /// Limit switches at the negative and positive ends of these axes are used by the homing sequence.
     ExpectSwitches([AxisMask; 2]),
-    /// This index pulse is to be latched.
+    /// Latch this index pulse.
     LatchIndex(IndexRequest),
-    /// The process ends once the axes rest.
+    /// End the process once the axes are at rest.
     End,
 }
 
 /// Why a job has not begun.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum NotBegun {
-    /// The axes stand elsewhere, or something else moves them.
+    /// The axes are at another position, or something else moves them.
     Elsewhere,
-    /// Nothing may begin: an emergency stop, a fault or the loss of power came before it.
+    /// No job may begin: an emergency stop, a fault or loss of power came first.
     Forbidden,
-    /// A stop that was ordered after it has overtaken it.
+    /// A stop that was ordered later overtook it.
     Stopped,
 }
 
-/// What has happened in the cycle.
+/// An event of the cycle.
 pub(crate) enum CycleEvent {
-    /// The order counts from this setpoint on.
+    /// The order took effect with this setpoint.
     Applied {
         id: u64,
         sequence: u64,
     },
-    /// The job has ended with this setpoint; what moved the axes is handed back.
+    /// The job ended with this setpoint. `ActiveJob` is returned to be dropped.
     Ended {
         sequence: u64,
         result: JobResult,
         work: ActiveJob,
     },
-    /// A motion of an excursion was refused; the order has no effect.
+    /// A motion of an excursion was rejected; the order has no effect.
     NotLeft {
         sequence: u64,
         work: ActiveJob,
@@ -152,20 +152,21 @@ pub(crate) enum CycleEvent {
     IsBack {
         sequence: u64,
     },
-    /// Something to be dropped.
+    /// Returned to be dropped.
     Returned(ActiveJob),
-    /// A turn is over: it was applied before this, or has no effect. Its motion is to be dropped.
+    /// A change of a motion is over: it was reported as applied before, or has no effect. Its motion is
+    /// returned to be dropped.
     TurnReturned {
         id: u64,
         work: ActiveJob,
     },
-    /// The same.
+    /// Returned to be dropped.
     Spent(ScheduleConsumer),
-    /// The emergency-stop chain is open, or not known: every axis stops by itself, and the drives.
+    /// The emergency-stop chain is open or unknown: each axis stops on its own, and so do the drives.
     EstopChain {
         sequence: u64,
     },
-    /// The job did not begin where the axes stand.
+    /// The job did not begin at the present position.
     Misplaced {
         sequence: u64,
         cause: NotBegun,
@@ -178,12 +179,12 @@ pub(crate) enum CycleEvent {
     PlannerGone {
         sequence: u64,
     },
-    /// A spindle is in fault, or its feedback has stopped.
+    /// A spindle is in fault, or its feedback stopped.
     Spindle {
         sequence: u64,
         spindle: u32,
     },
-    /// A turning cycle has given up.
+    /// A turning cycle has failed.
     Turning {
         sequence: u64,
         reason: Reason,
@@ -195,59 +196,59 @@ pub(crate) enum CycleEvent {
         sequence: u64,
         alarm: DriveAlarm,
     },
-    /// The drives' positions may count from another zero: the link was lost, or an encoder jumped.
+    /// The drives' positions may count from another zero: the link was lost, or an encoder value jumped.
     ReferenceLost {
         sequence: u64,
         axes: AxisMask,
     },
 }
 
-/// The last cycle, for control and status.
+/// The state after the newest cycle, for the control thread and the status.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CycleView {
     pub setpoint: Setpoint,
-    /// By how much it was corrected for the drives, where that is done.
+    /// The correction of the position for the drives, if corrections are in use.
     pub shift: Option<Axes>,
     pub lateness_ns: u64,
     pub work_ns: u64,
     pub presence: Presence,
     pub power: PowerRequest,
-    /// Number of the last order for power that has been carried out or refused; 0 before the first.
+    /// Number of the last order for power that was carried out or rejected; 0 before the first.
     pub power_order: u64,
     pub datum: u64,
     pub late_cycles: u64,
     pub dropped_records: u64,
     pub dropped_setpoints: u64,
     pub at_rest: bool,
-    /// The program rests until an input has come (M66).
+    /// The program waits at rest for an input (M66).
     pub at_wait: bool,
-    /// The emergency-stop chain is open or not known; never where there is none.
+    /// The emergency-stop chain is open or unknown; `false` without a chain.
     pub is_chain_open: bool,
-    /// Unknown where there is none.
+    /// `Unknown` without a probe.
     pub probe: ProbeState,
-    /// By what the commanded speed of each spindle is multiplied.
+    /// Factor on the commanded speed of each spindle.
     pub spindle_overrides: SpindleOverrides,
     pub handwheel: HandwheelView,
     pub leaving: LeavingView,
-    /// How the cycle follows the drives' clock, where a phase error has come.
+    /// How the cycle follows the drives' clock, if a phase error was reported.
     pub phase: Option<PhaseRecord>,
 }
 
 /// Whether and how the axes may leave a held program.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct LeavingView {
-    /// The program is held where it may be left.
+    /// The program is held at a position where it may be left.
     pub may_leave: bool,
-    /// The axes have left it, or are about to.
+    /// The axes have left the program, or are about to.
     pub is_away: bool,
-    /// Their last position at rest on the path is not the one at which the program is held.
+    /// The last position at rest on the path differs from the position at which the program is held.
     pub is_retraced: bool,
-    /// Number of block starts that can be reached backwards.
+    /// Number of block starts that a retrace can reach.
     pub blocks_before: u32,
 }
 
 impl CycleEvent {
-    /// The setpoint that it belongs to; 0 where that does not matter.
+    /// The setpoint that the event belongs to; 0 if irrelevant.
     pub(crate) fn sequence(&self) -> u64 {
         match self {
             Self::Returned(_) | Self::TurnReturned { .. } | Self::Spent(_) => 0,

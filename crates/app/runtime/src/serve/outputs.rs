@@ -1,4 +1,4 @@
-//! Outputs by hand.
+//! Outputs set by hand.
 
 use evolvent_config::plain;
 use evolvent_control::{Alarm, Rejection};
@@ -31,7 +31,7 @@ impl Operator {
 }
 
 fn change_of(output: &OutputSettings, value: f64) -> Result<Change, Rejection> {
-    // By hand it counts at once.
+    // An output set by hand changes at once.
     let mut change = Change::at(Moment::Rest(0));
     match output.kind {
         SignalKind::Digital if value == 0.0 || value == 1.0 => {

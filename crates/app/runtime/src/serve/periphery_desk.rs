@@ -1,12 +1,12 @@
-//! Spindle, coolant and tool from the operator's side.
+//! Spindle, coolant and tool on the operator's side.
 
 use std::sync::mpsc::{self, Sender};
 
 use crate::periphery::Periphery;
 use crate::periphery_track::PeripheryOrder;
 
-/// The periphery as the operator knows it, and the way to the publisher, who says on the bus with which
-/// setpoint it changes.
+/// The periphery as the operator knows it, and the channel to the publisher, which reports on the bus with
+/// which setpoint it changes.
 #[derive(Debug)]
 pub(crate) struct PeripheryDesk {
     now: Periphery,
@@ -14,7 +14,7 @@ pub(crate) struct PeripheryDesk {
 }
 
 impl PeripheryDesk {
-    /// With this tool in the spindle, everything off.
+    /// With this tool in the spindle and everything off.
     pub(crate) fn new(tool: u32, publisher: Sender<PeripheryOrder>) -> Self {
         let now = Periphery {
             tool,
@@ -25,25 +25,26 @@ impl PeripheryDesk {
         desk
     }
 
-    /// As it is.
+    /// The present state.
     pub(crate) fn now(&self) -> &Periphery {
         &self.now
     }
 
-    /// The way by which the planner of a job's program tells the publisher what it switches.
+    /// The channel on which the planner of a job's program reports to the publisher what the program
+    /// switches.
     pub(crate) fn of_program(&self, job: u64) -> Sender<(u32, Periphery)> {
         let (planner, planned) = mpsc::channel();
-        // A publisher that has gone publishes nothing of it.
+        // If the publisher has ended, nothing is published.
         let _gone = self.publisher.send(PeripheryOrder::Program { job, planned });
         planner
     }
 
-    /// The program has come so far. The publisher follows it by itself.
+    /// Notes that the program has reached this state. The publisher follows the program on its own.
     pub(crate) fn reach(&mut self, periphery: Periphery) {
         self.now = periphery;
     }
 
-    /// Spindle and coolant go off after this setpoint, whatever has switched them on.
+    /// Switches spindle and coolant off after this setpoint, whatever switched them on.
     pub(crate) fn switch_off(&mut self, sequence: u64) {
         self.now.switch_off();
         self.tell(sequence);

@@ -1,4 +1,4 @@
-//! What the operator's programs and blocks of MDI leave and find.
+//! State that programs and blocks of MDI pass to the next one.
 
 use std::sync::Arc;
 
@@ -7,14 +7,14 @@ use super::program_tally::ProgramTally;
 use super::track::Track;
 use crate::switches::{SwitchState, Switches};
 
-/// Modes, switches and counts from job to job.
+/// Modes, switches and counts that continue from job to job.
 pub(super) struct ProgramDesk {
     pub(super) modes: Modes,
-    /// Lines that set the parameters that blocks of MDI have left.
+    /// Lines that restore the parameters set by blocks of MDI.
     pub(super) parameters: String,
     /// Numbers of the next block and action.
     pub(super) numbers: (u32, u32),
-    /// Of the job that runs, or of the next one.
+    /// Of the running job, or of the next one.
     pub(super) switches: Arc<Switches>,
     pub(super) tally: ProgramTally,
     pub(super) track: Track,

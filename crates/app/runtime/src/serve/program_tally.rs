@@ -1,22 +1,22 @@
-//! Parts made with the program, and how long it has run.
+//! Number of parts made with the program, and its run time.
 
-/// Counts of the program that is loaded. Times are counted in setpoints.
+/// Counts for the loaded program. Times are counted in setpoints.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ProgramTally {
     parts: u32,
-    /// The last setpoint that was counted; none while the program does not run.
+    /// The last setpoint that was counted; `None` while the program does not run.
     seen: Option<u64>,
     cycles: u64,
     held_cycles: u64,
 }
 
 impl ProgramTally {
-    /// It begins after this setpoint.
+    /// The program begins after this setpoint.
     pub(crate) fn begin(&mut self, sequence: u64) {
         (self.seen, self.cycles, self.held_cycles) = (Some(sequence), 0, 0);
     }
 
-    /// The newest setpoint, and whether the machine stands at a hold or a program stop.
+    /// Counts up to the newest setpoint. `is_held`: the machine is at a hold or a program stop.
     pub(crate) fn observe(&mut self, sequence: u64, is_held: bool) {
         let Some(seen) = &mut self.seen else { return };
         let more = sequence.saturating_sub(*seen);
@@ -25,19 +25,19 @@ impl ProgramTally {
         self.held_cycles += if is_held { more } else { 0 };
     }
 
-    /// It is over, at its end or before.
+    /// The program is over; `is_done` if it reached its end.
     pub(crate) fn end(&mut self, is_done: bool) {
         if self.seen.take().is_some() && is_done {
             self.parts = self.parts.saturating_add(1);
         }
     }
 
-    /// Times that the program has come to its end since it was loaded.
+    /// How often the program has reached its end since it was loaded.
     pub(crate) fn parts(&self) -> u32 {
         self.parts
     }
 
-    /// How long it has run, or ran last, and how much of that it stood at holds and program stops, s.
+    /// Duration of the present or last run, and how much of it was spent at holds and program stops, s.
     pub(crate) fn times_s(&self, period_ns: u64) -> (f64, f64) {
         let seconds = |cycles: u64| cycles as f64 * period_ns as f64 * 1e-9;
         (seconds(self.cycles), seconds(self.held_cycles))
@@ -56,7 +56,7 @@ mod tests {
         tally.begin(100);
         tally.observe(1100, false);
         tally.observe(1600, true);
-        // An older view counts nothing.
+        // An older view is ignored.
         tally.observe(1500, true);
         tally.observe(2100, false);
         tally.end(true);

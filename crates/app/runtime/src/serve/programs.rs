@@ -1,4 +1,4 @@
-//! Programs and blocks of MDI, from the operator's side.
+//! Programs and blocks of MDI, on the operator's side.
 
 mod following;
 
@@ -30,71 +30,71 @@ use crate::source::{Commands, Start};
 use crate::switches::{SwitchState, Switches, Switching};
 use crate::user_code::UserProgram;
 
-/// What the message says of a user-defined M code.
+/// End of the message about a user-defined M code in progress.
 const AT_WORK: &str = " is being carried out";
-/// How the message of a program begins that waits before its approach to a line in the middle.
+/// Start of the message of a program that waits before its approach to a line in the middle.
 pub const BEFORE_LINE: &str = "stopped before line ";
 
-/// Why nothing is kept any more.
+/// The error if nothing can be saved any more.
 const NO_SAVER: &str = "no thread to write with; restart the core";
 
-/// How long the planner's thread may take to end after the machine is through with a job. It ends in
+/// Time within which the planner's thread must end after the machine has finished the job. It takes
 /// milliseconds unless a read of the program or of a subroutine hangs.
 const PLANNER_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Blocks and actions that a planner which has not ended may have numbered, at most: more than its queues
-/// hold.
+/// Maximum number of blocks and actions that a planner which has not ended may have numbered: more than its
+/// queues hold.
 const NUMBERS_LEFT: u32 = 1 << 20;
 
 /// A program or a block of MDI.
 pub(super) struct ProgramRun {
     pub(super) planning: Planning,
-    /// How the cycle has ended it.
+    /// The result reported by the cycle.
     pub(super) ended: Option<JobResult>,
-    /// What a block of MDI leaves when it is done.
+    /// The state that a block of MDI leaves when it is done.
     pub(super) after: Option<After>,
-    /// Lines before those that the operator has written, with which a block of MDI begins.
+    /// Lines of the preamble of a block of MDI, which the operator has not written.
     pub(super) lines_before: u32,
-    /// Single step of a plan that was made without it.
+    /// Single step in a plan that was made without it.
     pub(super) step: Option<StepBehind>,
     /// The number of its first block.
     pub(super) first_block: u32,
-    /// A user-defined M code, carried out while the program waits.
+    /// A user-defined M code in progress; the program waits for it.
     pub(super) command: Option<UserCommand>,
-    /// A tool change that begins once it is noted on the disk.
+    /// A tool change that begins once its mark is on disk.
     pub(super) beginning: Option<ChangeBeginning>,
-    /// Such a command has failed.
+    /// A user-defined M code has failed.
     pub(super) has_failed: bool,
-    /// What is wrong with its text.
+    /// The error in its text, if any.
     pub(super) failure: Option<String>,
-    /// When the machine was found to be through with it.
+    /// When the machine was found to have finished the job.
     pub(super) ended_at: Option<Instant>,
     /// The excursion from it while it is held, if any.
     pub(super) away: Option<Away>,
-    /// What it has left is being written; how it has ended, and since when.
+    /// The job's state while it is being saved: its result, and since when.
     pub(super) saving: Option<(JobResult, Receiver<Saved>, Instant)>,
 }
 
-/// After what the feed is to be held.
+/// Where single step holds the feed.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum StepBehind {
-    /// The line of this block.
+    /// After the line of this block.
     Line { block: u32, line: u32 },
-    /// The line that begins after this block, where the machine stands.
+    /// After the line that begins after this block, at the present position.
     LineAfter(u32),
 }
 
-/// One of M100 to M199 at work, or done where the program still waits.
+/// A user-defined M code (M100 to M199) in progress, or done while the program still waits.
 pub(super) struct UserCommand {
     call: UserCall,
-    /// Actions before the stop at which the program waits.
+    /// Number of actions before the stop at which the program waits.
     stop: u32,
     program: UserProgram,
     is_done: bool,
     is_cancelled: bool,
 }
 
-/// A tool change that is being noted.
+/// A tool change whose mark is being written.
 pub(super) struct ChangeBeginning {
     call: UserCall,
     stop: u32,
@@ -102,14 +102,15 @@ pub(super) struct ChangeBeginning {
     begun: Instant,
 }
 
-/// Works out the way to the middle of a program beside: the lines before may be many. It comes as one line.
+/// Computes the approach to a line in the middle of a program on a separate thread, since there may be many
+/// lines before it. The result is one line of text.
 fn show_way(file: PathBuf, setup: Setup) -> Result<Receiver<String>, Rejection> {
     let (sender, way) = mpsc::channel();
     let spawned = thread::Builder::new().name("way".into()).spawn(move || {
         take_turns();
         let text = match Commands::open(&file, &setup) {
             Ok(commands) => commands.start().map(way_there).unwrap_or_default(),
-            // The planner finds it too and ends the job.
+            // The planner finds the same error and ends the job.
             Err(error) => error.to_string(),
         };
         let _gone = sender.send(text);
@@ -134,7 +135,7 @@ fn way_there(start: &Start) -> String {
 }
 
 impl Operator {
-    /// Lines before those that the operator has written.
+    /// Number of preamble lines, which the operator has not written.
     pub(super) const fn lines_before(&self) -> u32 {
         match &self.job {
             Job::Program(run) => run.lines_before,
@@ -147,7 +148,7 @@ impl Operator {
         self.message.program_changes();
         self.program.tally = ProgramTally::default();
         self.check_loaded(file).or_else(|refusal| match refusal.alarm {
-            // A long one is checked while no client waits.
+            // A long program is checked while no client waits.
             Alarm::Checking => Ok(()),
             _ => Err(refusal),
         })?;
@@ -159,7 +160,7 @@ impl Operator {
         Ok(())
     }
 
-    /// What program text and machine have against a program, with the offsets and tools of now.
+    /// Checks the loaded program against language and machine, with the present offsets and tools.
     fn check_loaded(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         if let Some(verdict) = &file.verdict {
             self.files.checking = None;
@@ -182,8 +183,8 @@ impl Operator {
         self.check_loaded(file)?;
         let mut setup = self.setup_here();
         setup.start_line = (line > 1).then_some(line);
-        // Nothing knows what stands in the way there: the plan begins with a program stop, and somebody has
-        // to look.
+        // Nothing knows what obstructs the approach. The plan begins with a program stop so that the operator
+        // looks.
         let way = match setup.start_line {
             None => None,
             Some(_) => Some(show_way(file.look.file.clone(), setup.clone())?),
@@ -202,7 +203,8 @@ impl Operator {
         Ok(job)
     }
 
-    /// What the job that was just begun runs, and the way there where that is not its beginning.
+    /// The program or block of the job that has just begun, and the approach if it does not start at the
+    /// beginning.
     pub(super) fn started(&self) -> String {
         let mut text = self.desk.program().unwrap_or_default().to_owned();
         if self.files.way.is_some() {
@@ -230,7 +232,7 @@ impl Operator {
         self.plan(file, setup, Some(after), Activity::Mdi)
     }
 
-    /// The switches of the next job, as they stand at the desk.
+    /// The switches of the next job, as the operator has set them.
     fn switch_anew(&mut self, single_step: bool) {
         let [_, rapid_override, _] = self.desk.overrides();
         self.program.switches = Arc::new(Switches::new(&SwitchState {
@@ -324,7 +326,7 @@ impl Operator {
         self.step_on(self.program.switches.is_single_step());
     }
 
-    /// Single step counts for the program under way, or no longer does.
+    /// Applies a change of single step to the program in progress.
     pub(super) fn step_on(&mut self, steps: bool) {
         let setpoint = self.view.setpoint;
         let at_stop = setpoint.state == State::ProgramStop && !self.is_waiting();
@@ -345,12 +347,12 @@ impl Operator {
         matches!(&self.job, Job::Program(run) if run.command.is_some() || run.beginning.is_some())
     }
 
-    /// Whether the program waits for something that is no operator: a user-defined M code, or an input.
+    /// Whether the program waits for something other than an operator: a user-defined M code or an input.
     pub(super) fn is_waiting(&self) -> bool {
         self.is_at_command() || self.view.at_wait
     }
 
-    /// Ends a user-defined M code that is at work.
+    /// Ends a user-defined M code in progress.
     pub(super) fn cancel_command(&mut self) {
         if let Job::Program(run) = &mut self.job
             && let Some(command) = &mut run.command
@@ -369,13 +371,13 @@ impl Operator {
         if let Job::Jog { steered, .. } = &mut self.job {
             steered.stopping = true;
         }
-        // The cycle stops an excursion with the program.
+        // The cycle stops an excursion together with the program.
         self.stop_away();
         self.switch_off_at_rest();
         self.send(CycleCommand::Stop, command);
     }
 
-    /// A job that the cycle has not taken up yet is over at once.
+    /// Ends a job that the cycle has not taken yet.
     pub(super) fn give_up_waiting(&mut self, result: JobResult) {
         if let Job::Program(run) = &mut self.job
             && run.planning.is_waiting()
@@ -386,8 +388,8 @@ impl Operator {
     }
 }
 
-/// A diagnostic as one sentence with its place and the calls that lead there. `lines_before` are those of a
-/// preamble, which the operator has not written.
+/// A diagnostic as one sentence with its position and the calls that lead there. `lines_before` is the length
+/// of the preamble, which the operator has not written.
 pub(super) fn sentence(diagnostic: &evolvent_gcode::Diagnostic, lines_before: u32) -> String {
     let place = |file: Option<&str>, line: u32| match file {
         Some(file) => format!("{file}:{line}"),

@@ -1,4 +1,4 @@
-//! Commands that need files: what is read for them, and what they do once it has been read.
+//! Commands that need files: what is read for them, and what they do afterwards.
 
 use std::path::PathBuf;
 
@@ -11,13 +11,13 @@ use super::files::{Found, MdiBlock, Reading, read_program, read_tools, written};
 use super::operator::{Job, Operator};
 use crate::memory::ProgramMemory;
 
-/// Lines that a block of MDI may execute, loops and subroutines among them, before it is refused: a client
-/// waits.
+/// Maximum number of lines that a block of MDI may execute, including loops and subroutines, because a client
+/// waits for its answer.
 const MAX_LINES_OF_MDI: u64 = 1_000_000;
 
 impl Operator {
-    /// Whether a request is answered although files are being read for another one: all that stops or slows
-    /// the axes, and what is not of this version and is rejected anyway.
+    /// Whether a request is answered while files are being read for another one. True for all that stop or
+    /// slow the axes, and for requests of another version, which are rejected anyway.
     pub(crate) fn is_urgent(request: &ControlRequest) -> bool {
         const URGENT: [CommandCode; 9] = [
             CommandCode::Estop,
@@ -33,7 +33,7 @@ impl Operator {
         !request.is_compatible() || URGENT.iter().any(|code| *code as u32 == request.command)
     }
 
-    /// Whether others wait for it: it stops the machine.
+    /// Whether the request stops the machine and is therefore answered before others.
     pub(crate) fn stops_machine(request: &ControlRequest) -> bool {
         const STOPS: [CommandCode; 5] = [
             CommandCode::Estop,
@@ -45,15 +45,14 @@ impl Operator {
         request.is_compatible() && STOPS.iter().any(|code| *code as u32 == request.command)
     }
 
-    /// The answer to a client that sends the next command before it has the answer to the one whose files are
-    /// being read.
+    /// The answer to a client that sends a command while its previous command waits for files.
     pub(crate) fn refuse_while_reading(&mut self, request: &ControlRequest) -> ControlAnswer {
         let text = "the files of an earlier command are still being read; wait for its answer";
         let refused = self.desk.refuse(Rejection::new(Alarm::Checking, text));
         self.composed(request, Err(refused))
     }
 
-    /// The answer to the command whose files were being read, once they are.
+    /// Returns the answer to the command whose files were being read, once they are.
     pub(crate) fn finish_reading(&mut self, now_ns: u64) -> Option<ControlAnswer> {
         let result = self.files.reading.as_ref()?.poll()?;
         let reading = self.files.reading.take()?;
@@ -74,7 +73,7 @@ impl Operator {
         Some(self.composed(&reading.request, result))
     }
 
-    /// A job whose files are still being read does not begin any more.
+    /// Cancels the reading: a job that waits for files does not begin any more.
     pub(super) fn cancel_reading(&mut self) {
         if let Some(reading) = &mut self.files.reading
             && matches!(
@@ -86,7 +85,7 @@ impl Operator {
         }
     }
 
-    /// Does what a command says whose files have been read.
+    /// Carries out a command whose files were read.
     fn carry_out_read(&mut self, command: &Command, found: Found) -> Result<u64, Rejection> {
         let mut job = 0;
         match (command, found) {
@@ -114,14 +113,14 @@ impl Operator {
                 self.keep.take_saved(*memory);
                 self.refresh_modes();
             }
-            // What is read belongs to the command that it is read for.
+            // A result always belongs to the command that it was read for.
             _ => {}
         }
         self.note_command(command);
         Ok(job)
     }
 
-    /// Begins to read the files that a command needs; `None` where it needs none.
+    /// Starts to read the files that a command needs; `None` if it needs none.
     pub(super) fn begin_reading(
         &self,
         request: &ControlRequest,
@@ -137,7 +136,7 @@ impl Operator {
             }
             Command::Step if is_step_of_running => None,
             Command::Start(_) | Command::Step => {
-                // The interlocks have asked whether there is one.
+                // The interlocks ensure that a program is loaded.
                 let file = PathBuf::from(self.desk.program().unwrap_or_default());
                 let (about, setup) = (file.display().to_string(), self.setup_here());
                 let work = move || read_program(&file, &setup);
@@ -161,7 +160,7 @@ impl Operator {
                         .begin(request, command, "the tool table".to_owned(), work),
                 )
             }
-            // Where the axes are going to stand is not known yet.
+            // The final position of the axes is not known yet.
             Command::TouchOff { .. } if !self.view.at_rest => Some(Err(Rejection::new(
                 Alarm::Busy,
                 "the axes still stop; touch off when they are at rest",
@@ -178,7 +177,7 @@ impl Operator {
         }
     }
 
-    /// A block of MDI as it is to be read.
+    /// A block of MDI with everything needed to read it.
     fn mdi_block(&self, text: &str) -> MdiBlock {
         let preamble = format!("{}{}", self.program.parameters, self.program.modes.preamble());
         let mut setup = self.setup_after(&preamble);
@@ -216,7 +215,7 @@ impl Operator {
         memory
     }
 
-    /// What is kept once an offset or a tool has been changed; none for other commands.
+    /// What to save after an offset or a tool was changed; `None` for other commands.
     pub(super) fn memory_after(&self, command: &Command) -> Option<ProgramMemory> {
         match command {
             Command::WorkOffset { system, axes, values } => Some(self.with_offset(*system, |index, kept| {

@@ -1,4 +1,4 @@
-//! What the trace of a served machine receives of its jobs, so that each can be computed again.
+//! Records of a served machine's jobs in the trace, from which each job can be recomputed.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -13,19 +13,19 @@ use crate::job_start::{JobStart, ProgramStart, SteeredStart, plain_name};
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 use crate::program_copy::{ProgramCopy, ProgramText};
 
-/// Jobs on their way to the cycle that are remembered.
+/// Maximum number of jobs on their way to the cycle that are kept.
 const MAX_SENT: usize = 64;
 
-/// Attaches what jobs begin with, each content once, and notes each job where it begins.
+/// Attaches the inputs of jobs, each content once, and records each job where it begins.
 #[derive(Debug, Default)]
 pub(super) struct JobNotes {
-    /// Without a trace nothing is noted.
+    /// Nothing is recorded without a trace.
     is_recorded: bool,
-    /// Jobs on their way to the cycle: number of the order, of the job, and what it begins with.
+    /// Jobs on their way to the cycle: number of the order, number of the job, and the start of the job.
     sent: VecDeque<(u64, u64, JobStart)>,
     /// The program that is being planned.
     planned: Option<JobStart>,
-    /// What was attached last, and under which name.
+    /// The last attachment and its name.
     tools: Option<(ToolTable, String)>,
     parameters: Option<(KeptParameters, String)>,
     program: Option<(Look, String, Option<Arc<ProgramCopy>>)>,
@@ -39,13 +39,13 @@ impl JobNotes {
         }
     }
 
-    /// The trace goes on in another file: what jobs begin with is attached again.
+    /// Begins another trace file, in which the inputs of jobs are attached again.
     pub(super) fn begin_file(&mut self) {
         (self.tools, self.parameters, self.program) = (None, None, None);
     }
 
-    /// A program or a block of MDI is going to be planned. Gives the name under which its subroutines are
-    /// attached.
+    /// Notes a program or block of MDI about to be planned. Returns the prefix under which its subroutines
+    /// are attached.
     pub(super) fn plans(
         &mut self,
         recorder: &Sender<FeederEvent>,
@@ -111,7 +111,7 @@ impl JobNotes {
         (look == known).then(|| (name.clone(), copy.clone()))
     }
 
-    /// What was planned goes to the cycle with this order.
+    /// The plan goes to the cycle with this order.
     pub(super) fn sends_plan(&mut self, order: u64, job: u64) {
         if let Some(start) = self.planned.take() {
             self.push(order, job, start);
@@ -128,9 +128,9 @@ impl JobNotes {
         self.push(order, job, JobStart::Retrace { back });
     }
 
-    /// An order counts from this setpoint on.
+    /// Notes that an order took effect with this setpoint.
     pub(super) fn applied(&mut self, recorder: &Sender<FeederEvent>, order: u64, sequence: u64) {
-        // Orders that came later may count earlier: a turn waits for its setpoint.
+        // Orders sent later may take effect earlier: a change of a motion waits for its setpoint.
         let Some(at) = self.sent.iter().position(|(known, ..)| *known == order) else {
             return;
         };
@@ -146,7 +146,7 @@ impl JobNotes {
         }));
     }
 
-    /// What is on its way. Turns that came too late never count: the oldest are forgotten.
+    /// Adds a pending start. Changes that were too late never take effect, so the oldest are dropped.
     fn push(&mut self, order: u64, job: u64, start: JobStart) {
         if !self.is_recorded {
             return;
@@ -158,7 +158,7 @@ impl JobNotes {
     }
 }
 
-/// A job's number as events have it.
+/// The job's number as used in events.
 pub(super) fn job_number(job: u64) -> u32 {
     u32::try_from(job).unwrap_or(u32::MAX)
 }

@@ -1,4 +1,4 @@
-//! The traces of a served machine: one file an hour, and a bound on the disk that all of them take.
+//! The traces of a served machine: one file per hour, within a size limit for all of them.
 
 use std::fs;
 use std::io;
@@ -8,14 +8,14 @@ use std::time::{Duration, Instant, SystemTime};
 
 use crate::file_stamp::file_stamp;
 
-/// A trace goes on in a new file when it is this old and nothing moves.
+/// Age after which a trace continues in a new file, once nothing moves.
 const FILE_AGE: Duration = Duration::from_secs(3600);
-/// Share of the bound that the present file may take before it goes on in a new one, although something
-/// moves. The other files keep the rest.
+/// Reciprocal of the fraction of the limit that the present file may take before it continues in a new one
+/// even in motion. The other files have the rest.
 const FILE_FRACTION: u64 = 4;
 const ENDINGS: [&str; 3] = [".mcap", ".mcap.part", ".mcap.damaged"];
 
-/// How far the recorder has come.
+/// Progress of the recorder.
 #[derive(Debug, Default)]
 pub(crate) struct FileProgress {
     /// Bytes of the present file.
@@ -41,20 +41,20 @@ impl TraceSeries {
         }
     }
 
-    /// The file that begins now.
+    /// The path of a file that begins now.
     pub(crate) fn file_of_now(&self) -> PathBuf {
         let stamp = file_stamp(SystemTime::now());
         self.folder.join(format!("{}-{stamp}.mcap", self.name))
     }
 
-    /// Whether the present file should end: it is old and the machine idle, or it takes its share of the
-    /// bound.
+    /// Whether the present file should end: it is old and the machine is idle, or it has reached its fraction
+    /// of the limit.
     pub(crate) fn is_due(&self, begun: Instant, bytes: u64, is_idle: bool) -> bool {
         (is_idle && begun.elapsed() >= FILE_AGE) || bytes >= self.limit_bytes / FILE_FRACTION
     }
 
-    /// Removes the oldest files of this machine until the others and one more file fit within the bound; says
-    /// how many.
+    /// Removes the oldest files of this machine until the others and one more file fit within the limit.
+    /// Returns the number of files removed.
     ///
     /// # Errors
     /// The folder cannot be read. A file that cannot be removed is left.
@@ -76,7 +76,7 @@ impl TraceSeries {
         Ok(removed)
     }
 
-    /// Files of this machine with their sizes, the oldest first.
+    /// Files of this machine with their sizes, oldest first.
     fn files(&self) -> io::Result<Vec<(PathBuf, u64)>> {
         let mut files = Vec::new();
         for entry in fs::read_dir(&self.folder)? {
@@ -84,17 +84,17 @@ impl TraceSeries {
             let name = entry.file_name();
             let Some(name) = name.to_str() else { continue };
             if self.is_own(name) && entry.file_type()?.is_file() {
-                // One that has just been renamed has no size any more.
+                // A file that has just been renamed has no size any more.
                 let bytes = entry.metadata().map_or(0, |facts| facts.len());
                 files.push((entry.path(), bytes));
             }
         }
-        // The times in the names are in order of the alphabet.
+        // The alphabetical order of the names is their order in time.
         files.sort();
         Ok(files)
     }
 
-    /// Nothing else is ever removed.
+    /// Whether a file belongs to this series. No other file is ever removed.
     fn is_own(&self, name: &str) -> bool {
         let Some(rest) = name
             .strip_prefix(&self.name)
@@ -166,7 +166,7 @@ mod tests {
     fn a_file_ends_when_it_is_old_and_idle_or_too_large() {
         let series = TraceSeries::new(PathBuf::new(), "mill", 1000);
         let now = Instant::now();
-        // A host that was started less than an hour ago has no such moment.
+        // A host that was started less than an hour ago has no such time.
         if let Some(long_ago) = now.checked_sub(FILE_AGE) {
             assert!(series.is_due(long_ago, 0, true));
             assert!(!series.is_due(long_ago, 0, false), "a job is not cut");

@@ -1,4 +1,4 @@
-//! The cycle of a machine that is served: it never ends before the process does.
+//! The cycle of a served machine; it runs until the process ends.
 
 mod away;
 mod drives;
@@ -32,7 +32,7 @@ use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::signal_loop::SignalLoop;
 
-/// The cycles of a served machine: whatever its operator asks for.
+/// The cycle of a served machine, with everything that its orders control.
 pub(crate) struct ServedCycle {
     parts: ServedParts,
     now: CycleState,
@@ -69,41 +69,41 @@ impl ServedCycle {
         Self { parts, now }
     }
 
-    /// For tests: an emergency stop that no order asks for.
+    /// For tests: enters the emergency stop without an order.
     #[cfg(test)]
     pub(in crate::serve) fn fall_into_estop(&mut self) {
         self.now.is_estop = true;
         self.parts.emergency(&mut self.now);
     }
 
-    /// For tests: the guard stops the axes, whose drives stay on.
+    /// For tests: the guard stops the axes; the drives stay on.
     #[cfg(test)]
     pub(in crate::serve) fn quick_stops(&mut self) {
         self.parts.station.emergency();
     }
 }
 
-/// What it owns of the machine, and its ways to the other threads; built before it starts.
+/// The cycle's state of the machine and its queues to the other threads, built before it starts.
 pub(crate) struct ServedParts {
     pub station: MachineState,
     pub limits: Limits,
     pub period_ns: u64,
     pub orders: Consumer<Order>,
-    /// Orders that do not wait in the queue.
+    /// Orders that bypass the queue.
     pub urgent: Arc<UrgentOrders>,
     pub events: Producer<CycleEvent>,
     pub views: Producer<CycleView>,
     pub feedback: Consumer<Feedback>,
     pub watch: FeedbackWatch,
-    /// Outputs and inputs, where the machine has any.
+    /// Outputs and inputs, if the machine has any.
     pub signals: Option<SignalLoop>,
-    /// Where the machine is not as it should be.
+    /// Corrections of the machine's errors, if there are any.
     pub corrections: Option<Corrections>,
-    /// What the next setpoint goes by of the probe.
+    /// The probe's input for the next setpoint.
     pub probe: ProbeInput,
-    /// None where the drives' clock is not followed.
+    /// `None` if the drives' clock is not followed.
     pub phase: Option<PhaseLock>,
-    /// Number of the analog input that counts the handwheel's turns, where there is one.
+    /// Number of the analog input that counts the handwheel's turns, if any.
     pub wheel_counts: Option<u32>,
     /// The newest cutting load.
     pub controls: Arc<Controls>,
@@ -113,8 +113,8 @@ pub(crate) struct ServedParts {
 
 struct Turn {
     after: u64,
-    /// Until when the axes may move by it. It replaces that of the motion before where the turn is applied,
-    /// and not sooner: a turn that comes too late must not free a jog of its dead-man switch.
+    /// Until when the axes may move in this motion. It replaces the deadline of the previous motion only when
+    /// the change is applied: a change that is too late must not extend a jog beyond its dead-man switch.
     until_ns: u64,
     id: u64,
     steering: Box<TransferExecutor>,
@@ -129,61 +129,61 @@ impl Turn {
     }
 }
 
-/// What changes from cycle to cycle.
+/// State that changes from cycle to cycle.
 struct CycleState {
     work: ActiveJob,
-    /// A change of the steered motion: after which setpoint, number of the order.
+    /// A change of the steered motion: the setpoint after which it applies, and the number of its order.
     turn: Option<Turn>,
     inputs: Inputs,
-    /// Of the operator.
+    /// Set by the operator.
     spindle_override: f64,
-    /// The setpoint before.
+    /// The previous setpoint.
     last: Option<Setpoint>,
     stops: ProgramStops,
     notes: CycleNotes,
-    /// The axes got other coordinates since the last step.
+    /// The axes were given other coordinates since the last step.
     relocated: bool,
     drive: DriveRequest,
-    /// A stop that ends in a fault.
+    /// A stop in progress ends in a fault.
     faulted: bool,
-    /// Where it stops the drives lose power.
+    /// The drives lose power when the axes are at rest.
     power_off_at_rest: bool,
     /// An alarm of the drives was reported since power was requested.
     stops_for_drives: bool,
-    /// An ON that waits for the drives, and what they were asked before.
+    /// An ON that waits for the drives, and the power requested before.
     power_orders: PowerOrders,
-    /// The urgent orders that were taken.
+    /// The urgent orders taken so far.
     urgent: UrgentTaken,
     keep_until_ns: u64,
     switches_expected: [AxisMask; 2],
     presence: Presence,
     ending: bool,
-    /// In emergency stop: outputs are safe.
+    /// In emergency stop: outputs are in their safe state.
     is_estop: bool,
     program: ProgramOfSetpoint,
-    /// The cycle is the last one.
+    /// This is the last cycle.
     is_last: bool,
-    /// The axes are away from the program that is held, or about to be.
+    /// The axes are away from the held program, or about to leave it.
     excursion: Option<Excursion>,
-    /// The program's own setpoint of this cycle while the axes are away from it.
+    /// The program's own setpoint of this cycle while the axes are away.
     plan_setpoint: Option<Setpoint>,
 }
 
 /// Program stops, each by the number of actions before it.
 #[derive(Clone, Copy, Debug, Default)]
 struct ProgramStops {
-    /// That at which the machine may go on.
+    /// The stop at which the machine may continue.
     go_on: Option<u32>,
-    /// That at which it waits.
+    /// The stop at which it waits.
     at_stop: Option<u32>,
-    /// The program has gone on after a wait with this setpoint.
+    /// The program continued after a wait with this setpoint.
     has_left_wait: bool,
 }
 
 /// The program to which a setpoint belongs.
 #[derive(Clone, Copy, Debug, Default)]
 struct ProgramOfSetpoint {
-    /// Its job; that of the last program if it belongs to none.
+    /// Its job, or that of the last program if it belongs to none.
     job: u64,
     /// The setpoint is the last of the program.
     is_end: bool,
@@ -195,8 +195,8 @@ impl CycleState {
         matches!(self.work, ActiveJob::None)
     }
 
-    /// Whether nothing forbids motion. An order may have been on its way while the chain opened. Drives
-    /// without power follow no setpoint, and those that lose it at rest soon follow none.
+    /// Whether motion is permitted. An order may have been on its way when the chain opened. Drives without
+    /// power follow no setpoint, and those that are about to lose it will soon follow none.
     fn is_ready(&self) -> bool {
         !self.faulted && !self.is_estop && self.drive.power == PowerRequest::On && !self.power_off_at_rest
     }
@@ -205,7 +205,7 @@ impl CycleState {
         self.is_idle() && self.is_ready()
     }
 
-    /// Whatever moves the axes stops within the limits.
+    /// Stops whatever moves the axes, within the limits.
     fn stop_work(&mut self) {
         match &mut self.work {
             ActiveJob::None => {}
@@ -216,13 +216,13 @@ impl CycleState {
 }
 
 impl SetpointSource for ServedCycle {
-    /// A served machine's time is always real.
+    /// The clock of a served machine is always real.
     fn await_plan(&mut self) {}
 
     fn step(&mut self, begin: &CycleBegin) -> Computed {
         let Self { parts, now } = self;
         let feedback = parts.newest_feedback();
-        // Read after the feedback, which so is never of the future by this thread's own doing.
+        // Read after the feedback, so the feedback is never later than this time.
         let taken_ns = MonotonicClock::now_ns();
         (now.stops.has_left_wait, now.program.is_end) = (false, false);
         parts.apply_inputs();
@@ -286,7 +286,7 @@ impl SetpointSource for ServedCycle {
 
     fn finish(&mut self, end: &CycleEnd<'_>) -> Next {
         let Self { parts, now } = self;
-        // A view that finds no room is followed by another.
+        // A view that does not fit is superseded by the next one.
         let _full = parts.views.push(CycleView {
             setpoint: *end.setpoint,
             shift: (parts.corrections.as_ref()).map(|corrections| corrections.shift(&end.setpoint.position)),
@@ -319,8 +319,8 @@ impl SetpointSource for ServedCycle {
 
 impl ServedParts {
     fn report(&mut self, event: CycleEvent) {
-        // The queue is as long as all orders and jobs together: it is never full while control lives. What
-        // finds no room anyway must not be dropped here, since dropping frees memory.
+        // The queue is as long as all orders and jobs together, so it is never full while the control thread
+        // lives. An event that does not fit must not be dropped here, since that would free memory.
         if let Err(rtrb::PushError::Full(event)) = self.events.push(event) {
             std::mem::forget(event);
         }

@@ -1,4 +1,5 @@
-//! The status of a served machine, which control makes, and what drives answer to cycle and control.
+//! The status of a served machine, made by the control thread, and the drives' feedback to cycle and control
+//! thread.
 
 use evolvent_bus::{EventKind, Feedback, Setpoint, Status};
 use rtrb::{Consumer, Producer};
@@ -7,20 +8,20 @@ use crate::due_setpoint::DueSetpoint;
 use crate::publish_report::PublishReport;
 use crate::status_source::{StatusPort, StatusSource};
 
-/// A snapshot on its way out, and what it explains.
+/// A snapshot to be published, with its event.
 pub(crate) struct Snapshot {
     pub status: Status,
     pub event: Option<EventKind>,
 }
 
-/// The publisher's ends of the queues to control and cycle.
+/// The publisher's ends of the queues to control thread and cycle.
 pub(crate) struct ServedStatus {
     pub snapshots: Consumer<Snapshot>,
     /// To the cycle.
     pub feedback: Producer<Feedback>,
-    /// To control: every one, in order.
+    /// To the control thread: all feedback, in order.
     pub answers: Producer<Feedback>,
-    /// To control: late and failed setpoints so far, subscribers.
+    /// To the control thread: late and failed setpoints so far, and subscribers.
     pub counts: Producer<(PublishReport, usize)>,
 }
 
@@ -30,8 +31,8 @@ impl StatusSource for ServedStatus {
     fn follow(&mut self, _: &mut StatusPort<'_>, _: &DueSetpoint, _: &Setpoint, _: bool) {}
 
     fn receive(&mut self, feedback: &Feedback) {
-        // What the cycle does not take in time is older than what it has. Its watch reports values that are
-        // not finite; nobody else sees it.
+        // Feedback that the cycle does not take in time is older than what it has. Its watch reports values
+        // that are not finite; no other part sees them.
         let _full = self.feedback.push(*feedback);
         if feedback.is_finite() {
             let _full = self.answers.push(*feedback);

@@ -1,4 +1,4 @@
-//! A machine that is served: threads started, everything brought to rest at the end.
+//! A served machine: starts the threads, and brings everything to rest at the end.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -45,21 +45,21 @@ use crate::spindle_command::SpindleCommands;
 use crate::start_error::{CYCLE_TIMEOUT, StartError};
 use crate::stop_watch::StopWatch;
 
-/// Snapshots on their way to the publisher, feedback on its way to the cycle and to control, and counts on
-/// their way back.
+/// Length of the queues of snapshots to the publisher, of feedback to cycle and control thread, and of counts
+/// back.
 const SNAPSHOTS: usize = 64;
 const FEEDBACK: usize = 256;
 const ANSWERS: usize = 4096;
 const COUNTS: usize = 8;
-/// Orders on their way to the cycle, and what it tells.
+/// Length of the queues of orders to the cycle and of its events.
 const ORDERS: usize = 1024;
 const EVENTS: usize = 4096;
 
-/// Serves a machine until `stop` is set; stops within the limits then. `tell` hears what people should know
-/// at once.
+/// Serves a machine until `stop` is set; then it stops within the limits. `tell` receives messages for the
+/// user.
 ///
 /// # Errors
-/// It could not be started; nothing has moved.
+/// The service could not be started; nothing has moved.
 pub fn serve(
     config: &ServeConfig,
     stop: &AtomicBool,
@@ -72,21 +72,21 @@ pub fn serve(
     tell(ServeNews::Ready(
         control.trace.as_ref().map(|trace| trace.file.as_path()),
     ));
-    // A hold is not to wait until a busy host has time. What it starts itself is of the normal scheduler.
+    // A hold must not wait until a busy host has time. Threads that this one starts use the normal scheduler.
     raise_priority();
     let cycle = &service.cycle;
     control.run(&config.setup, stop, || cycle.is_finished(), &mut tell);
     Ok(service.end(config))
 }
 
-/// A served machine at work.
+/// A running service.
 struct Service {
     control: ControlLoop,
     cycle: JoinHandle<CycleCounts>,
     publisher: JoinHandle<PublishReport>,
-    /// What the user was told while it started.
+    /// Notes to the user during the start.
     notes: Vec<String>,
-    /// Until all is written.
+    /// Held until all files are written.
     _state_lock: StateLock,
 }
 
@@ -194,7 +194,7 @@ impl Service {
         })
     }
 
-    /// Everything is at rest, or does not stop in time.
+    /// Ends the service when everything is at rest, or has failed to stop in time.
     fn end(self, config: &ServeConfig) -> ServeSummary {
         let ControlLoop {
             mut operator,
@@ -202,8 +202,8 @@ impl Service {
             trace,
             published: (published, _),
             pulse,
-            // The service of commands is there until the last file is written, and the manager hears of the
-            // end.
+            // The service of commands exists until the last file is written, and the manager is notified of
+            // the end.
             server: _server,
             manager: _manager,
             ..
@@ -227,7 +227,8 @@ impl Service {
             notes: self.notes,
         };
         operator.keep.close(READING_TIMEOUT);
-        // The recorder ends when nobody can send it news any more, the publisher when nobody sends setpoints.
+        // The recorder ends when all senders of events are gone, the publisher when the sender of setpoints
+        // is gone.
         drop(operator);
         drop(status);
         if !self.cycle.is_finished() {
@@ -249,7 +250,7 @@ impl Service {
     }
 }
 
-/// What the publisher takes from the other threads.
+/// The publisher's ends of the queues from other threads.
 struct PublisherQueues {
     setpoints: Consumer<DueSetpoint>,
     periphery: mpsc::Receiver<PeripheryOrder>,
@@ -283,7 +284,7 @@ fn start_publisher(
     Ok((publisher, bus_config))
 }
 
-/// Starts the cycle with the rights that it can get, and what it could not get.
+/// Starts the cycle. Returns notes about privileges that it could not get.
 fn start_cycle(
     setup: &Setup,
     parts: ServedParts,
@@ -309,7 +310,7 @@ fn start_cycle(
     Ok((cycle, granted.recv().unwrap_or_default()))
 }
 
-/// A panic of a thread is a bug; it is passed on rather than turned into a wrong summary.
+/// A panic of a thread is a bug; it is passed on instead of producing a wrong summary.
 fn join<T>(thread: JoinHandle<T>) -> T {
     thread
         .join()
@@ -319,7 +320,7 @@ fn join<T>(thread: JoinHandle<T>) -> T {
 fn wait_for_view(views: &mut Consumer<CycleView>) -> Result<CycleView, StartError> {
     let deadline = Instant::now() + CYCLE_TIMEOUT;
     loop {
-        // Looked at last: this thread may have been kept from running as well.
+        // The clock is read last: this thread may have been suspended as well.
         let is_over = Instant::now() > deadline;
         if let Ok(view) = views.pop() {
             return Ok(view);

@@ -1,4 +1,4 @@
-//! The trace of a served machine: its recorder's thread, and when its next file begins.
+//! The trace of a served machine: the recorder's thread, and the switch to the next file.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -24,9 +24,9 @@ use crate::shared::Controls;
 use crate::signal_recorder::SignalRecorder;
 use crate::start_error::StartError;
 
-/// A recorder at work.
+/// A running recorder.
 pub(super) struct SessionTrace {
-    /// The first file, or the only one.
+    /// The first or only file.
     pub file: PathBuf,
     thread: JoinHandle<RecordReport>,
     closing: Sender<Closing>,
@@ -34,26 +34,26 @@ pub(super) struct SessionTrace {
     files: Option<Files>,
 }
 
-/// The files of a trace that goes on in further ones.
+/// State of a trace that continues in further files.
 struct Files {
     series: TraceSeries,
     progress: Arc<FileProgress>,
-    /// When the present one was begun.
+    /// When the present file was begun.
     begun: Instant,
     ordered: u64,
 }
 
-/// The ends of those who are recorded.
+/// The senders for those who are recorded.
 pub(super) struct Recorded {
     /// Of the cycle.
     pub cycles: Producer<CycleSample>,
-    /// Of planners and control.
+    /// Of planners and control thread.
     pub news: Sender<FeederEvent>,
 }
 
 impl SessionTrace {
-    /// Creates the first file and starts the recorder; nothing where none is wanted. `note` hears what became
-    /// of traces that killed sessions have left.
+    /// Creates the first file and starts the recorder; `None` if no trace is wanted. `note` receives messages
+    /// about traces left by killed sessions.
     ///
     /// # Errors
     /// The file cannot be created.
@@ -78,7 +78,7 @@ impl SessionTrace {
         let info = run_info(setup, &RunSource::Served, start_unix_ns);
         let recorder = Recorder::create(&file, &info)?;
         let files = series.map(|series| {
-            // A folder that cannot be read would have failed before.
+            // If the folder could not be read, creating the file would have failed.
             let _left = series.trim(&file);
             Files {
                 series,
@@ -119,7 +119,7 @@ impl SessionTrace {
         Ok(Some((trace, Recorded { cycles, news })))
     }
 
-    /// Tells the operator why it has ended, and begins the next file where it is time.
+    /// Reports to the operator why the recorder has ended, and begins the next file when it is due.
     pub(super) fn look(&mut self, operator: &mut Operator) {
         for error in self.failures.try_iter() {
             operator.trace_failed(&error.to_string());
@@ -134,7 +134,7 @@ impl SessionTrace {
         }
     }
 
-    /// Ends the last file with what serving came to. Nobody may send news any more.
+    /// Ends the last file with the summary. All senders of events must be gone.
     pub(super) fn finish(self, summary: &ServeSummary) -> RecordReport {
         let pairs = [
             ("outcome", "served".to_owned()),

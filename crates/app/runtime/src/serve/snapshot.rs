@@ -1,4 +1,4 @@
-//! The status: one coherent snapshot of everything that a screen needs.
+//! The status: one coherent snapshot of all that a screen needs.
 
 use evolvent_bus::{EventKind, MAX_ALARMS, Status, switches};
 use evolvent_drive::{DriveState, PowerRequest};
@@ -16,14 +16,14 @@ use crate::status_source::event_of;
 
 const SECOND_NS: u64 = 1_000_000_000;
 
-/// What the cycles so far were like.
+/// Statistics of the cycles so far.
 #[derive(Default)]
 pub(crate) struct Pulse {
     pub lateness: Histogram,
     pub work: Histogram,
-    /// How they followed the drives' clock, once the lock had settled.
+    /// Tally of following the drives' clock, once the lock has settled.
     pub phase: PhaseTally,
-    /// The same of the last whole second, settled or not, and of the present one with its number.
+    /// The same for the last whole second, settled or not, and for the present one with its number.
     last_second: Option<PhaseFigures>,
     second: PhaseTally,
     second_number: u64,
@@ -48,7 +48,7 @@ impl Pulse {
     }
 }
 
-/// What makes a snapshot worth sending at once.
+/// Values whose change makes a snapshot worth sending at once.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct Mark {
     state: State,
@@ -80,12 +80,13 @@ impl Mark {
             switches: switches(operator),
             homed: desk.homed(),
             accepted: desk.counts().0,
-            // The status is all that switches spindle and coolant: what it says of them may not wait.
+            // The status is the only message that switches spindle and coolant, so their changes must not
+            // wait.
             periphery: *operator.periphery.now(),
         }
     }
 
-    /// What to wake sleepers with, coming from `before`.
+    /// The event that wakes sleeping readers, for a change from `before`.
     pub(crate) fn event(self, before: Self) -> EventKind {
         if self.alarms > before.alarms {
             EventKind::Fault
@@ -122,7 +123,7 @@ fn switches(operator: &Operator) -> u32 {
         .fold(0, |sum, (_, bit)| sum | bit)
 }
 
-/// A snapshot of this moment. `sequence` is its own number.
+/// A snapshot of the present state. `sequence` is its own number.
 pub(crate) fn snapshot(
     operator: &Operator,
     pulse: &Pulse,
@@ -239,7 +240,7 @@ pub(crate) fn snapshot(
     status
 }
 
-/// Lateness and work since the start, and the drives' clock.
+/// Adds lateness and work since the start, and figures of the drives' clock.
 fn add_timing(status: &mut Status, pulse: &Pulse) {
     status.wake_lateness_p50_ns = quantile(&pulse.lateness, 50.0);
     status.wake_lateness_p999_ns = quantile(&pulse.lateness, 99.9);
@@ -253,7 +254,7 @@ fn add_timing(status: &mut Status, pulse: &Pulse) {
     }
 }
 
-/// Positions of unlimited rotary axes are shown as angles of a turn.
+/// Shows positions of unlimited rotary axes within one turn.
 fn show_within_turn(status: &mut Status, unlimited: AxisMask) {
     for axis in unlimited.axes() {
         for position in [

@@ -1,4 +1,4 @@
-//! The lock of a state folder: one core at a time writes it.
+//! The lock of a state folder: only one core at a time writes to it.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read as _, Write as _};
@@ -6,25 +6,25 @@ use std::path::Path;
 
 use crate::start_error::StartError;
 
-/// Name of the file in the folder. The lock is the kernel's: it ends with the process, however that ends.
+/// Name of the file in the folder. The lock is the kernel's and ends with the process, however that ends.
 const FILE: &str = "core.lock";
-/// Longest text that is shown of the file, bytes.
+/// Maximum length of the file's text that is shown, bytes.
 const MAX_BYTES: u64 = 200;
 
-/// Holds the folder until it is dropped.
+/// Keeps the folder locked until it is dropped.
 #[derive(Debug)]
 pub(crate) struct StateLock {
-    /// None where the folder cannot be written: then nothing is written that two cores could mix.
+    /// `None` if the folder cannot be written: then nothing is written that two cores could mix up.
     _file: Option<File>,
 }
 
 impl StateLock {
-    /// Takes the folder for the machine of this name.
+    /// Locks the folder for the machine of this name.
     ///
     /// # Errors
-    /// Another core has it.
+    /// Another core has locked it.
     pub(crate) fn take(folder: &Path, machine_name: &str) -> Result<Self, StartError> {
-        // Where this fails, so does the file, and writing says why.
+        // If this fails, opening the file fails too, and writing reports why.
         let _ = std::fs::create_dir_all(folder);
         let opened = OpenOptions::new()
             .create(true)
@@ -43,7 +43,7 @@ impl StateLock {
                 holder: holder.trim().to_owned(),
             });
         }
-        // Only for the message of another core.
+        // Used only in the error message of another core.
         let _unwritten = file
             .set_len(0)
             .and_then(|()| writeln!(file, "{machine_name}, process {}", std::process::id()));

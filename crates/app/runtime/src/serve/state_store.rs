@@ -1,4 +1,4 @@
-//! What outlives the process: offsets, tools, parameters, in files that are replaced whole.
+//! State that survives the process: offsets, tools and parameters, in files that are replaced as a whole.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, Sender};
@@ -12,19 +12,19 @@ use evolvent_path::AXES;
 use super::change_mark::ChangeMark;
 use crate::memory::ProgramMemory;
 
-/// Parameter that keeps which tool is in the spindle.
+/// Parameter that stores the number of the tool in the spindle.
 const TOOL_PARAMETER: u32 = 5400;
 
-/// What was written, or why it was not.
+/// What was saved, or the error.
 pub(crate) type Saved = Result<ProgramMemory, StoreError>;
 
-/// What becomes of the mark of a tool change with what is saved.
+/// What a save does with the mark of a tool change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Marking {
     Leave,
-    /// Before anything else.
+    /// Set before anything else.
     Set(ChangeMark),
-    /// After everything else.
+    /// Removed after everything else.
     Remove,
 }
 
@@ -42,7 +42,7 @@ impl SaveOrder {
             self.memory.kept_file.as_ref().and_then(|file| file.parent()),
             Some(&*self.folder),
         ] {
-            // Where this fails, writing fails too, and says why.
+            // If this fails, writing fails too and reports why.
             let _ = std::fs::create_dir_all(folder.unwrap_or(Path::new("")));
         }
         if let Marking::Set(mark) = self.marking {
@@ -56,7 +56,7 @@ impl SaveOrder {
     }
 }
 
-/// Starts the thread that writes. It ends with the sender. Without it every save fails, and says so.
+/// Starts the thread that writes; it ends with the sender. Without a thread every save returns an error.
 fn saver() -> Option<(Sender<SaveOrder>, JoinHandle<()>)> {
     let (sender, orders) = mpsc::channel::<SaveOrder>();
     let started = thread::Builder::new().name("saver".into()).spawn(move || {
@@ -73,21 +73,20 @@ fn saver() -> Option<(Sender<SaveOrder>, JoinHandle<()>)> {
 pub(crate) struct StateStore {
     pub memory: ProgramMemory,
     saved: ProgramMemory,
-    /// Which tool is in the spindle.
+    /// The tool in the spindle.
     pub tool: u32,
-    /// A tool change that has begun: from there to its end, or until the operator names the tool, the tool is
-    /// not known.
+    /// A tool change that has begun. Until it ends, or the operator declares the tool, the tool is unknown.
     pub change: Option<ChangeMark>,
-    /// It is the present job's.
+    /// The change belongs to the present job.
     pub is_change_under_way: bool,
     folder: PathBuf,
-    /// What could not be read, and was set aside.
+    /// Messages about files that could not be read and were set aside.
     pub complaints: Vec<String>,
-    /// The thread that writes, and the way to it.
+    /// The writing thread and its channel.
     saver: Option<(Sender<SaveOrder>, JoinHandle<()>)>,
 }
 
-/// The folder of a machine's state: `$XDG_STATE_HOME/evolvent/NAME`, or that under `~/.local/state`.
+/// The folder of a machine's state: `$XDG_STATE_HOME/evolvent/NAME`, or `~/.local/state/evolvent/NAME`.
 #[must_use]
 pub fn state_folder(machine_name: &str) -> PathBuf {
     let absolute = |variable: &str| {
@@ -102,8 +101,8 @@ pub fn state_folder(machine_name: &str) -> PathBuf {
 }
 
 impl StateStore {
-    /// Takes what the machine file names, and what that leaves open from `folder`. A file that cannot be read
-    /// is set aside as `NAME.damaged`, so that the machine can be started, and told of.
+    /// Opens the files that the machine file names, and the others in `folder`. A file that cannot be read is
+    /// set aside as `NAME.damaged` and reported, so that the machine can start.
     pub(crate) fn open(mut memory: ProgramMemory, folder: &Path) -> Self {
         let mut complaints = Vec::new();
         let mut change = ChangeMark::read(folder);
@@ -120,8 +119,8 @@ impl StateStore {
             let file = folder.join("parameters.var");
             if let Err(error) = memory.load_parameters(file.clone()) {
                 complain(&error, &file);
-                // The tool in the spindle was among them. Until the operator names it, also after another
-                // restart.
+                // The file contained the tool in the spindle. The tool is unknown until the operator declares
+                // it, also after another restart.
                 if change.is_none() {
                     let mark = ChangeMark::UNKNOWN;
                     // If this fails, the next start finds the same damaged file and reports it again.
@@ -156,37 +155,37 @@ impl StateStore {
         }
     }
 
-    /// Has `memory` written where it differs from what was written last; what comes of it is received. Nobody
-    /// waits here: a disk may take long, or for ever. Of several, each is written after the one before.
+    /// Saves `memory` as far as it differs from what was saved last; the result is sent to the receiver. Does
+    /// not wait, because a disk may take any time. Saves are carried out in order.
     pub(crate) fn save(&self, memory: ProgramMemory) -> Receiver<Saved> {
         self.save_and_mark(memory, Marking::Leave)
     }
 
-    /// Notes that a tool change begins. It may begin once that is written.
+    /// Writes the mark of a tool change. The change may begin once it is written.
     pub(crate) fn begin_change(&mut self, to: u32) -> Receiver<Saved> {
         let mark = ChangeMark::new(self.tool, to);
         (self.change, self.is_change_under_way) = (Some(mark), true);
         self.save_and_mark(self.memory.clone(), Marking::Set(mark))
     }
 
-    /// Another tool is in the spindle; where `is_random`, the one before is in its pocket.
+    /// Notes that another tool is in the spindle. With `is_random` the previous one is now in its pocket.
     pub(crate) fn take_tool(&mut self, tool: u32, is_random: bool) -> Receiver<Saved> {
         if is_random && let Some(tools) = &mut self.memory.tools {
             tools.swap_pockets(tool, self.tool);
         }
         (self.tool, self.change, self.is_change_under_way) = (tool, None, false);
         let saving = self.save_and_mark(self.memory.clone(), Marking::Remove);
-        // A later save writes what differs from this one.
+        // A later save writes the difference from this one.
         self.saved = self.with_tool_kept(self.memory.clone());
         saving
     }
 
-    /// It is not known what is on the disk: all is written next time.
+    /// What is on disk is unknown: the next save writes everything.
     pub(crate) fn forget_saved(&mut self) {
         self.saved = ProgramMemory::default();
     }
 
-    /// A tool change was noted and has not begun.
+    /// Removes the mark of a tool change that has not begun.
     pub(crate) fn forget_change(&mut self) -> Receiver<Saved> {
         (self.change, self.is_change_under_way) = (None, false);
         self.save_and_mark(self.memory.clone(), Marking::Remove)
@@ -213,14 +212,14 @@ impl StateStore {
             folder: self.folder.clone(),
             sender,
         };
-        // Without its thread the sender is dropped, which is an answer too.
+        // Without its thread the sender is dropped, which reports the failure.
         if let Some((saver, _)) = &self.saver {
             let _gone = saver.send(order);
         }
         result
     }
 
-    /// Waits, at most so long, until all is written that was to be.
+    /// Waits until all pending saves are written, at most for `timeout`.
     pub(crate) fn close(&mut self, timeout: Duration) {
         let Some((saver, thread)) = self.saver.take() else {
             return;
@@ -232,13 +231,13 @@ impl StateStore {
         }
     }
 
-    /// What was written counts from now on.
+    /// Makes the saved memory the present one.
     pub(crate) fn take_saved(&mut self, memory: ProgramMemory) {
         self.saved.clone_from(&memory);
         self.memory = memory;
     }
 
-    /// Takes over the tool table of the file.
+    /// Takes over the tool table from its file.
     pub(crate) fn take_tools(&mut self, tools: ToolTable) {
         self.memory.tools = Some(tools);
         self.saved.tools.clone_from(&self.memory.tools);
@@ -309,7 +308,8 @@ mod tests {
         assert!(folder.path().join("parameters.var.damaged").exists());
         assert!(folder.path().join("tools.tbl.damaged").exists());
         assert!(keep.memory.kept.is_some() && keep.memory.tools.is_some());
-        // Which tool is in the spindle was in the file: it is not known, nor after another start.
+        // The damaged file stored the tool in the spindle, so the tool is unknown, also after another
+        // restart.
         assert_eq!(keep.change, Some(ChangeMark::UNKNOWN));
         let again = StateStore::open(ProgramMemory::default(), folder.path());
         assert_eq!(

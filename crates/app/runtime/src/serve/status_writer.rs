@@ -1,4 +1,4 @@
-//! When the status of a served machine leaves: now and then, and as soon as something changes.
+//! When the status of a served machine is sent: periodically, and as soon as something changes.
 
 use rtrb::Producer;
 
@@ -7,10 +7,10 @@ use super::served_status::Snapshot;
 use super::snapshot::{Mark, Pulse, snapshot};
 use crate::publish_report::PublishReport;
 
-/// Time between two snapshots where nothing changes.
+/// Time between two snapshots while nothing changes.
 const STATUS_EVERY_NS: u64 = 50_000_000;
 
-/// Hands snapshots to the publisher.
+/// Passes snapshots to the publisher.
 pub(super) struct StatusWriter {
     snapshots: Producer<Snapshot>,
     sequence: u64,
@@ -28,7 +28,7 @@ impl StatusWriter {
         }
     }
 
-    /// Writes one where it is time, something has changed, or `is_over`.
+    /// Sends a snapshot if one is due, something has changed, or `is_over`.
     pub(super) fn write(
         &mut self,
         operator: &Operator,
@@ -47,7 +47,7 @@ impl StatusWriter {
         let status = snapshot(operator, pulse, published, self.sequence, now_ns);
         let before = self.mark.filter(|_| changed);
         let event = before.map(|before| now_mark.event(before));
-        // A publisher that hangs gets the next one.
+        // A publisher that lags receives the next one.
         let _full = self.snapshots.push(Snapshot { status, event });
         self.mark = Some(now_mark);
     }

@@ -1,4 +1,4 @@
-//! What stops a served machine, in whatever order it comes: operator and cycle in one thread.
+//! Stops of a served machine, in various orders: operator and cycle on one thread.
 
 use std::time::{Duration, Instant};
 
@@ -14,7 +14,7 @@ use crate::core_loop::SetpointSource;
 
 /// X, the axis that is jogged.
 const X: AxisMask = AxisMask::one(0);
-/// Until when a block moves the axes, in real time.
+/// Time limit, in real time, for a block to move the axes.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 impl Bench {
@@ -23,7 +23,7 @@ impl Bench {
         assert!(self.says(1, self.jog(100.0)), "JOG");
     }
 
-    /// A jog of X by so much.
+    /// A jog of X by a distance.
     fn jog(&self, distance: f64) -> ControlRequest {
         let mut jog = self.command(CommandCode::Jog);
         (jog.axes_mask, jog.index, jog.amount) = (X.bits(), 1, 50.0);
@@ -31,19 +31,19 @@ impl Bench {
         jog
     }
 
-    /// The numbers of the alarms in force, the oldest first.
+    /// The numbers of the alarms in force, oldest first.
     fn alarms(&self) -> Vec<u32> {
         (self.operator.desk.alarms())
             .map(|(alarm, _)| alarm.number())
             .collect()
     }
 
-    /// Another fault has been found before: the axes are being stopped for it.
+    /// Another fault was found before; the axes are stopping for it.
     fn has_another_fault(&mut self) {
         self.cycle.stop_for_lateness(self.last.sequence);
     }
 
-    /// Begins a block of MDI, and lets it come to its feed.
+    /// Begins a block of MDI and waits until it reaches its feed.
     fn drives_block(&mut self, text: &str) {
         let mut mode = self.command(CommandCode::Mode);
         mode.index = 2;
@@ -54,8 +54,7 @@ impl Bench {
         self.comes_to_feed();
     }
 
-    /// The block under way comes to its feed. Files are read, and paths planned, by threads that need time of
-    /// their own.
+    /// Waits until the block in progress reaches its feed. Threads that read files and plan need real time.
     fn comes_to_feed(&mut self) {
         let begun = Instant::now();
         while self.last.velocity[0] < 35.0 {
@@ -67,7 +66,7 @@ impl Bench {
     }
 }
 
-/// The cycle looks at the spindles before it looks at the drives, and both may fail for one reason.
+/// The cycle checks the spindles before the drives, and both may fail for one reason.
 #[test]
 fn a_drive_fault_after_another_fault_is_listed_and_takes_the_machine_off() {
     let mut bench = Bench::with_drives(X);
@@ -84,7 +83,7 @@ fn a_drive_fault_after_another_fault_is_listed_and_takes_the_machine_off() {
         (bench.operator.desk.machine(), bench.power),
         (MachineState::Off, PowerRequest::Off)
     );
-    // Until it has been switched on again nothing moves.
+    // Nothing moves until the machine is switched on again.
     bench.drives.has_fault = false;
     assert!(bench.says(1, bench.command(CommandCode::Reset)));
     bench.runs_seen(5);
@@ -97,7 +96,7 @@ fn a_drive_fault_after_another_fault_is_listed_and_takes_the_machine_off() {
     assert_eq!(bench.alarms(), [406], "each time that power is on");
 }
 
-/// After a crash has blocked the axis while it was being stopped for something else.
+/// A crash blocks the axis while it is being stopped for another fault.
 #[test]
 fn an_axis_that_is_blocked_after_another_fault_stops_and_loses_power() {
     let mut bench = Bench::with_drives(X);
@@ -117,7 +116,7 @@ fn an_axis_that_is_blocked_after_another_fault_stops_and_loses_power() {
     );
 }
 
-/// A drive that fails while the axes stop for an alarm with which drives still follow.
+/// Drives still follow during the stop for the first alarm.
 #[test]
 fn a_drive_that_fails_while_the_axes_stop_for_the_drives_stops_them_at_once() {
     let mut bench = Bench::with_drives(X);
@@ -136,18 +135,18 @@ fn a_drive_that_fails_while_the_axes_stop_for_the_drives_stops_them_at_once() {
     assert_eq!(bench.power, PowerRequest::Off);
 }
 
-/// Whatever has taken the power, and whether or not its event has been heard.
+/// Whatever removed the power, and whether or not its event was received.
 #[test]
 fn a_desk_whose_drives_have_no_power_is_off() {
     let mut bench = Bench::with_drives(X);
     assert_eq!(bench.operator.desk.machine(), MachineState::On);
     bench.operator.view.power = PowerRequest::Off;
-    // No new view comes.
+    // No new view arrives.
     bench.ticks();
     assert_eq!(bench.operator.desk.machine(), MachineState::Off);
 }
 
-/// The chain opens in the cycle before the one that takes the order, and nobody has heard of it.
+/// The chain opens in the cycle before the one that takes the order, and the operator does not know it.
 #[test]
 fn a_jog_that_is_ordered_as_the_chain_opens_does_not_begin() {
     let mut bench = Bench::with_chain();
@@ -162,7 +161,7 @@ fn a_jog_that_is_ordered_as_the_chain_opens_does_not_begin() {
     assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
 }
 
-/// The jog has ended as soon as the emergency stop has it, and OFF is accepted.
+/// The jog ends as soon as the emergency stop takes effect, and OFF is accepted.
 #[test]
 fn off_while_the_axes_still_stop_takes_power_at_rest() {
     for is_emergency in [true, false] {
@@ -172,7 +171,7 @@ fn off_while_the_axes_still_stop_takes_power_at_rest() {
         if is_emergency {
             assert!(bench.says(2, bench.command(CommandCode::Estop)));
         } else {
-            // A fault of the guard: the drives stay on and follow.
+            // A fault found by the guard: the drives stay on and follow.
             bench.cycle.quick_stops();
         }
         bench.runs_seen(2);
@@ -195,20 +194,19 @@ fn off_while_the_axes_still_stop_takes_power_at_rest() {
     }
 }
 
-/// Without an alarm that says why: an emergency stop by command needs none.
+/// The job has no alarm that gives the reason, since an emergency stop by command needs none.
 #[test]
 fn a_job_that_an_emergency_stop_forbids_raises_no_alarm_of_its_own() {
     let mut bench = Bench::new();
     bench.jogs();
-    // As if the order of the emergency stop had been taken before that of the jog.
+    // As if the cycle had taken the emergency stop before the jog.
     bench.cycle.fall_into_estop();
     bench.runs_seen(2);
     assert!(bench.alarms().is_empty(), "{:?}", bench.alarms());
     assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
 }
 
-/// Three clients turn knobs faster than the cycle takes orders; none of them must keep an emergency stop
-/// waiting.
+/// Three clients change overrides faster than the cycle takes orders. This must not delay an emergency stop.
 #[test]
 fn an_emergency_stop_in_a_flood_of_overrides_counts_in_the_next_cycle() {
     let mut bench = Bench::new();
@@ -225,13 +223,12 @@ fn an_emergency_stop_in_a_flood_of_overrides_counts_in_the_next_cycle() {
     assert_eq!(bench.operator.desk.machine(), MachineState::Estop);
     bench.runs_seen(300);
     assert_eq!((bench.last.velocity[0], bench.power), (0.0, PowerRequest::Off));
-    // The newest of them counts.
+    // The newest one is in force.
     assert_eq!(bench.last.feed_override, 0.99);
     assert!(bench.alarms().is_empty());
 }
 
-/// Clients that hold the feed as fast as they can, or stop a jog away from the program: they stop nothing
-/// else.
+/// Clients send holds as fast as they can, or stops of a jog away from the program. Nothing else stops.
 #[test]
 fn a_flood_of_holds_and_jog_stops_is_no_emergency_stop() {
     let mut bench = Bench::new();
@@ -259,14 +256,13 @@ fn a_flood_of_holds_and_jog_stops_is_no_emergency_stop() {
     bench.comes_to_feed();
 }
 
-/// What was ordered after an emergency stop counts, and what was ordered before does not undo it, in one
-/// cycle.
+/// Within one cycle, an order after an emergency stop takes effect, and an order before it does not undo it.
 #[test]
 fn orders_before_and_after_an_emergency_stop_keep_their_order() {
     let mut bench = Bench::new();
     bench.jogs();
     bench.runs_seen(100);
-    // The cycle takes all of it at once.
+    // The cycle takes both at once.
     assert!(bench.says(1, bench.command(CommandCode::On)));
     assert!(bench.says(2, bench.command(CommandCode::Estop)));
     bench.runs(1);
@@ -280,7 +276,7 @@ fn orders_before_and_after_an_emergency_stop_keep_their_order() {
         (bench.operator.desk.machine(), bench.power),
         (MachineState::On, PowerRequest::On)
     );
-    // Before the next cycle: reset and on again, with an emergency stop after it.
+    // Before the next cycle: reset and on again, then another emergency stop.
     assert!(bench.says(1, bench.command(CommandCode::Estop)));
     for code in [CommandCode::EstopReset, CommandCode::On, CommandCode::Estop] {
         assert!(bench.says(1, bench.command(code)), "{code:?}");
@@ -299,7 +295,7 @@ fn orders_before_and_after_an_emergency_stop_keep_their_order() {
     assert!((bench.last.velocity[0], bench.alarms().len()) == (0.0, 0));
 }
 
-/// A jog and the stop of another client, both before the cycle looks.
+/// A jog, and a stop of another client, both before the next cycle.
 #[test]
 fn a_jog_that_a_stop_has_overtaken_ends_as_stopped() {
     let mut bench = Bench::new();
@@ -315,14 +311,14 @@ fn a_jog_that_a_stop_has_overtaken_ends_as_stopped() {
     assert_ne!(bench.last.position, here, "a later jog begins");
 }
 
-/// A cycle that takes no orders: everything that is ordered then is one emergency stop.
+/// A cycle that takes no orders: the orders then become one emergency stop.
 #[test]
 fn orders_that_do_not_fit_are_refused_and_become_an_emergency_stop() {
     let mut bench = Bench::new();
     bench.jogs();
     bench.runs_seen(200);
     let (mut accepted, mut number) = (0, 0);
-    // Each life sign of a jog is an order; nothing else limits them here.
+    // Each keep-alive of a jog is an order; nothing else limits their number here.
     while bench.operator.desk.machine() == MachineState::On {
         bench.operator.order(CycleCommand::KeepJogging(u64::MAX));
         accepted += u64::from(bench.says(2, bench.command(CommandCode::JogKeep)));

@@ -1,38 +1,38 @@
-//! What serving came to.
+//! The summary of a service.
 
 use evolvent_trace::PhaseFigures;
 
-/// What serving came to.
+/// The summary of a service.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct ServeSummary {
     /// The machine's name.
     pub machine: String,
-    /// Setpoints.
+    /// Number of setpoints.
     pub cycles: u64,
     /// The control rate.
     pub rate_hz: f64,
-    /// Jobs begun.
+    /// Number of jobs begun.
     pub jobs: u64,
-    /// Commands accepted.
+    /// Number of commands accepted.
     pub commands_accepted: u64,
-    /// Commands rejected.
+    /// Number of commands rejected.
     pub commands_rejected: u64,
-    /// Setpoints that left after they were due.
+    /// Setpoints published after their due time.
     pub late_cycles: u64,
-    /// Readers of setpoints and bridges that were connected at the same time, at most. Late setpoints count
-    /// for the exit code only where there was one.
+    /// Maximum number of readers of setpoints and bridges connected at the same time. Late setpoints affect
+    /// the exit code only if there was one.
     pub listeners: u64,
     /// Trace records lost.
     pub dropped_records: u64,
     /// Setpoints lost on the way to the bus.
     pub dropped_setpoints: u64,
-    /// How the cycle followed the drives' clock once the lock had settled; none where it followed none, or
-    /// not for long enough.
+    /// How the cycle followed the drives' clock once the lock had settled; `None` if it followed none, or not
+    /// for long enough.
     pub clock: Option<PhaseFigures>,
     /// Alarms in force at the end.
     pub alarms: Vec<u32>,
     /// The trace file, if one was written.
     pub trace: Option<String>,
-    /// What the user should know.
+    /// Notes to the user.
     pub notes: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! Where the machine is in its job: what planning has told, held against the cycle.
+//! The machine's progress in its job: the planner's reports compared with the cycle.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::Receiver;
@@ -21,7 +21,7 @@ pub(crate) struct Track {
 }
 
 impl Track {
-    /// Takes in what planning tells.
+    /// Takes in the planner's reports.
     pub(crate) fn receive(&mut self, news: &Receiver<FeederEvent>) {
         for news in news.try_iter() {
             match news {
@@ -44,8 +44,8 @@ impl Track {
         }
     }
 
-    /// The cycle has come to this setpoint. Gives the last modes that have come into force, and hands over
-    /// the messages that have.
+    /// Notes that the cycle has reached this setpoint. Returns the last modes that took effect, and passes on
+    /// the messages that did.
     pub(crate) fn reach(&mut self, setpoint: &Setpoint, mut message: impl FnMut(&Notice)) -> Option<Modal> {
         let still = [State::Idle, State::Dwell, State::ProgramStop];
         let begun = if still.contains(&setpoint.state) {
@@ -78,8 +78,8 @@ impl Track {
         modal
     }
 
-    /// Spindle, coolant and tool with this setpoint, if an action has changed them since the last time.
-    /// Actions take effect at rest, between the motion before and whatever follows, be it a dwell or a stop.
+    /// Spindle, coolant and tool with this setpoint, if an action changed them since the last call. Actions
+    /// take effect at rest, between the preceding motion and what follows, including a dwell or a stop.
     pub(crate) fn take_periphery(&mut self, setpoint: &Setpoint) -> Option<Periphery> {
         let mut newest = None;
         while (self.peripheries.front()).is_some_and(|(action, _)| *action < setpoint.actions) {
@@ -88,7 +88,7 @@ impl Track {
         newest
     }
 
-    /// The block at work, with the feed of the part of it that is.
+    /// The block in progress, with the feed of the present part of it.
     pub(crate) fn block(&self, setpoint: &Setpoint) -> Option<QueuedBlock> {
         let first = self
             .blocks
@@ -99,13 +99,13 @@ impl Track {
         Some(QueuedBlock { end, ..*first })
     }
 
-    /// Programmed path of all that has been planned, mm.
+    /// Programmed length of everything planned so far, mm.
     pub(crate) fn planned_mm(&self) -> f64 {
         self.planned_mm
     }
 
-    /// The program stop at which the machine stands with this setpoint, by the number of the action before
-    /// it, and why it waits there; once for each.
+    /// The program stop at which the machine is with this setpoint, as the number of the action before it,
+    /// and its kind; returned once for each stop.
     pub(crate) fn take_stop(&mut self, setpoint: &Setpoint) -> Option<(u32, StopKind)> {
         while (self.stops.front()).is_some_and(|(action, _)| action + 1 < setpoint.actions) {
             self.stops.pop_front();
@@ -119,7 +119,7 @@ impl Track {
         }
     }
 
-    /// The modes at the end of what was planned, and all messages that are left.
+    /// The modes at the end of the plan, and all remaining messages.
     pub(crate) fn finish(&mut self) -> Option<Modal> {
         let modal = self.modals.pop_back().map(|(_, modal)| modal);
         *self = Self::default();

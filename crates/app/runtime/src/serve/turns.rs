@@ -1,4 +1,5 @@
-//! Unlimited rotary axes: where they rest far from zero, whole turns are taken off their coordinates.
+//! Unlimited rotary axes: when they are at rest far from zero, whole turns are subtracted from their
+//! coordinates.
 
 use evolvent_drive::Presence;
 use evolvent_motion::State;
@@ -7,22 +8,22 @@ use evolvent_path::{AxisLetter, whole_turns};
 use super::operator::{Job, Operator};
 use crate::news::ExternalEventKind;
 
-/// Farther than this an axis does not rest, degrees: a hundred turns. A double tells 7e-12 degrees apart
-/// there.
+/// Largest coordinate of an axis at rest before turns are subtracted, degrees: a hundred turns. There a
+/// double resolves 7e-12 degrees.
 const FAR_DEG: f64 = 36_000.0;
-/// Of the command that such an event belongs to: none.
+/// The command of such an event: none.
 const NO_COMMAND: u32 = 0;
 
 impl Operator {
-    /// Takes whole turns off coordinates that have grown, where nothing moves and nothing is about to. The
-    /// drives take that over as they take the datum of homing, without motion.
+    /// Subtracts whole turns from large coordinates while nothing moves and no motion is pending. The drives
+    /// take over the new coordinates without motion, as they take over the datum of homing.
     pub(super) fn remove_whole_turns(&mut self) {
         if self.unlimited.is_empty() || !matches!(self.job, Job::None) || !self.is_idle() {
             return;
         }
         let view = &self.view;
-        // What was ordered is carried out, and drives that are there follow, so that they take the new names
-        // over.
+        // Earlier orders were carried out, and present drives follow, so that they take over the new
+        // coordinates.
         let is_settled = view.datum >= self.drives.datum && matches!(view.setpoint.state, State::Idle);
         let follow = matches!(view.presence, Presence::Operational | Presence::Absent);
         if !is_settled || !follow || self.stops.ending {
@@ -86,7 +87,7 @@ mod tests {
         Setup::new(machine, file, text, None).unwrap()
     }
 
-    /// The axes at rest, C at a coordinate.
+    /// The axes at rest, with C at a coordinate.
     fn view(sequence: u64, c_deg: f64, datum: u64) -> CycleView {
         let position = Axes::from_fn(|axis, _| if axis == C { c_deg } else { 0.0 });
         CycleView {
@@ -126,8 +127,8 @@ mod tests {
         }
     }
 
-    /// A cycle that was computed while the order was on its way has the old coordinate; what begins behind it
-    /// must not.
+    /// A cycle computed while the order is on its way has the old coordinate; what begins after the order
+    /// must use the new one.
     #[test]
     fn commands_between_the_order_and_its_cycle_find_the_new_coordinate() {
         let (orders, mut cycle_orders) = RingBuffer::new(64);
@@ -169,7 +170,7 @@ mod tests {
             }
         }
         assert_eq!(relocations, [40.0]);
-        // 111 turns: what the drives count is more by them.
+        // The drives' count is larger by 111 turns.
         assert_eq!(operator.drives.home_offset[C], 39_960.0);
     }
 }

@@ -1,15 +1,14 @@
-//! Orders that cannot wait: past the queue of the others, which may be long or full.
+//! Orders that bypass the queue, which may be long or full.
 //!
-//! Each kind has the number of its newest order. Orders are numbered in one series, whichever way they take,
-//! so the cycle knows which of two came first: an order of the queue that is older than an urgent one does
-//! not undo it.
+//! Each kind has the number of its newest order. All orders are numbered in one series, so the cycle knows
+//! which of two came first: an order of the queue that is older than an urgent one does not undo it.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What cannot wait.
+/// An urgent order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Urgent {
-    /// Every axis stops by itself, and the drives stop by themselves.
+    /// Each axis stops on its own, and the drives perform their quick stop.
     Emergency,
     /// Whatever moves the axes stops within the limits.
     Stop,
@@ -21,16 +20,16 @@ impl Urgent {
     const ALL: [Self; 3] = [Self::Emergency, Self::Stop, Self::PowerOff];
 }
 
-/// From the control thread to the cycle: for each kind the number of the newest order, 0 before the first.
+/// From the control thread to the cycle: the number of the newest order of each kind, 0 before the first.
 #[derive(Debug, Default)]
 pub(crate) struct UrgentOrders {
     newest: [AtomicU64; 3],
 }
 
 impl UrgentOrders {
-    /// Orders it. Older orders of this kind are one with it.
+    /// Sends an order. It covers older orders of its kind.
     pub(crate) fn order(&self, what: Urgent, number: u64) {
-        // Orders of the queue come after it for the cycle too if they were sent after it.
+        // Orders of the queue that were sent after it also follow it for the cycle.
         self.newest[what as usize].store(number, Ordering::Release);
     }
 
@@ -39,14 +38,14 @@ impl UrgentOrders {
     }
 }
 
-/// What the cycle has taken of them.
+/// The urgent orders that the cycle has taken.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct UrgentTaken {
     taken: [u64; 3],
 }
 
 impl UrgentTaken {
-    /// Takes the oldest that has not been taken, with its number.
+    /// Takes the oldest order not taken yet, with its number.
     pub(crate) fn take(&mut self, orders: &UrgentOrders) -> Option<(Urgent, u64)> {
         let newest = orders.newest();
         let what = (Urgent::ALL.into_iter())
@@ -57,8 +56,8 @@ impl UrgentTaken {
         Some((what, number))
     }
 
-    /// Whether one of these kinds was ordered after an order of the queue and has been taken before it.
-    /// Orders without a number are never late.
+    /// Whether an order of one of these kinds was sent after an order of the queue and taken before it.
+    /// Orders without a number were never overtaken.
     pub(crate) fn overtook(&self, kinds: &[Urgent], number: u64) -> bool {
         number > 0 && kinds.iter().any(|what| self.taken[*what as usize] > number)
     }

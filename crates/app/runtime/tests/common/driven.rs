@@ -24,7 +24,7 @@ pub(crate) fn set_up(machine: &Path, rate_hz: f64) -> Setup {
     setup
 }
 
-/// A program with its planner and a cycle, hand in hand.
+/// A program with its planner and a cycle, run in turn.
 pub(crate) struct Driven {
     commands: Box<dyn Iterator<Item = Command>>,
     planner: Planner<PlanProducer<fn() -> bool>>,
@@ -90,7 +90,7 @@ impl Driven {
         setpoints
     }
 
-    /// The setpoints up to rest, of a hold that begins with number `moment`.
+    /// The setpoints until rest of a hold that begins with number `moment`.
     pub(crate) fn held(mut self, moment: usize, is_frozen: bool) -> Vec<Setpoint> {
         let mut setpoints: Vec<Setpoint> = Vec::new();
         loop {

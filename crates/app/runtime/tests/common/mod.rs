@@ -1,4 +1,4 @@
-//! What tests of holds share.
+//! Shared code of the tests of holds.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 

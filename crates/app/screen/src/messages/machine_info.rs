@@ -66,7 +66,7 @@ impl MachineInfo {
             } else {
                 "linear"
             },
-            // An unlimited axis is shown within a turn.
+            // The positions of an unlimited axis are shown within one turn.
             min: axis.unlimited.map_or(axis.travel_min, |_| 0.0),
             max: axis.unlimited.map_or(axis.travel_max, |_| 360.0),
             max_velocity: axis.max_velocity,

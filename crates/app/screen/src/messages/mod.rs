@@ -1,4 +1,4 @@
-//! What server and page say to each other. TypeScript of the same is made from these types
+//! Messages between server and page. The page's TypeScript is generated from these types
 //! (`tests/generated.rs`).
 
 mod finding;

@@ -41,7 +41,8 @@ impl From<&Job> for ProcessInfo {
                 .blank
                 .as_ref()
                 .map_or_else(Vec::new, |blank| blank.outline_mm.clone()),
-            // A sensor with a lever shows more at larger diameters: these are its readings at the final size.
+            // A sensor with a lever reports more at larger diameters; these are its readings at the final
+            // size.
             set_load: settings.scale.reading(settings.regime.set_load, [0.0, 0.0], 0.0),
             overload: settings.scale.reading(settings.overload_n, [0.0, 0.0], 0.0),
         }

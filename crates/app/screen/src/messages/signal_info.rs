@@ -24,7 +24,7 @@ impl SignalInfo {
             name: name.to_owned(),
             kind: kind.name(),
             number,
-            // Without limits in the machine file they are infinite, which JSON cannot say.
+            // Without limits in the machine file they are infinite, which JSON cannot represent.
             range: range.map(|limit| limit.clamp(f64::MIN, f64::MAX)),
         }
     }

@@ -1,4 +1,4 @@
-//! What a running program needs from the operator: tool changes, user-defined M codes, its end.
+//! What a running program needs from the operator's side: tool changes, user-defined M codes, and its end.
 
 use std::sync::mpsc::TryRecvError;
 use std::time::Instant;
@@ -52,7 +52,7 @@ impl Operator {
             return;
         }
         if let Some(result) = run.ended {
-            // Nothing else begins before it is over.
+            // Nothing else begins before the program is over.
             if run
                 .command
                 .as_ref()
@@ -82,7 +82,7 @@ impl Operator {
             let order = self.order(CycleCommand::Follow(job));
             self.book.notes.sends_plan(order, self.desk.job());
             if self.stops.hold {
-                // A hold that came before: with the job the cycle has got inputs of its own.
+                // For a hold that came earlier: the cycle has new inputs with each job.
                 self.order(CycleCommand::Hold);
             }
             return;
@@ -97,7 +97,7 @@ impl Operator {
                     line: setpoint.line,
                 });
             }
-            // A line may have several blocks: cycles do.
+            // A line may have several blocks, for example a canned cycle.
             Some(StepBehind::Line { block, line }) if setpoint.block > block && setpoint.line != line => {
                 run.step = None;
                 self.stops.hold = true;
@@ -107,7 +107,7 @@ impl Operator {
         }
     }
 
-    /// Spindle, coolant and tool as the program has them now.
+    /// Takes over the program's present state of spindle, coolant and tool.
     fn take_periphery(&mut self, periphery: Periphery) {
         self.periphery.reach(periphery);
         let is_resolved = periphery.is_tool_known && self.keep.change.is_some();
@@ -118,7 +118,7 @@ impl Operator {
         }
     }
 
-    /// Hears whether the tool in the spindle was written.
+    /// Checks whether the record of the tool in the spindle was written.
     fn follow_tool_savings(&mut self) {
         let mut failures = Vec::new();
         self.files.tool_savings.retain(|saving| match saving.try_recv() {
@@ -139,7 +139,7 @@ impl Operator {
         }
     }
 
-    /// Goes on with a tool change once it is noted that it is under way.
+    /// Continues a tool change once its mark is written.
     fn follow_beginning(&mut self) {
         let Job::Program(run) = &mut self.job else { return };
         let Some(beginning) = &run.beginning else { return };
@@ -158,7 +158,7 @@ impl Operator {
             self.carry_out_command(call, stop);
             return;
         }
-        // Nothing of it has been done.
+        // No part of the change has been carried out.
         let saving = self.keep.forget_change();
         self.files.tool_savings.push(saving);
         if let Some(text) = failure {
@@ -185,7 +185,7 @@ impl Operator {
         self.message.tell_of_stop(format!("{}{AT_WORK}", call.text()));
     }
 
-    /// A job that ends in the middle of a tool change leaves an unknown tool in the spindle.
+    /// If a job ends in the middle of a tool change, the tool in the spindle is unknown.
     pub(in crate::serve) fn judge_change(&mut self) {
         if let Some(mark) = self.keep.change
             && self.keep.is_change_under_way
@@ -203,7 +203,8 @@ impl Operator {
         }
     }
 
-    /// Spindle and coolant go off, whatever has switched them on. A change that waits for the operator ends.
+    /// Switches spindle and coolant off, whatever switched them on, and ends a change that waits for the
+    /// operator.
     pub(in crate::serve) fn switch_periphery_off(&mut self) {
         let now = self.periphery.now();
         if let Some((Changer::Operator, tool)) = now.change {
@@ -218,17 +219,17 @@ impl Operator {
         }
     }
 
-    /// The same where no program runs; one that runs and is being stopped has them off where it stops.
+    /// The same if no program runs. A program that is being stopped switches them off where it stops.
     pub(in crate::serve) fn switch_off_at_rest(&mut self) {
         if !matches!(self.job, Job::Program(_)) {
             self.switch_periphery_off();
         }
     }
 
-    /// The planner's thread hangs, in a file system that does not reply: the job ends without it.
+    /// Ends the job without its planner's thread, which hangs in a file system.
     fn leave_planner(&mut self, result: JobResult) {
         let setpoint = self.view.setpoint;
-        // Numbers that the thread has given are not known, and are not given twice.
+        // The numbers that the thread has assigned are unknown and must not be assigned again.
         let (block, action) = self.program.numbers;
         self.program.numbers = (
             block.max(setpoint.block).saturating_add(NUMBERS_LEFT),
@@ -241,15 +242,15 @@ impl Operator {
         self.end_job(result);
     }
 
-    /// The program waits at this stop.
+    /// Handles a stop at which the program waits.
     fn stands_at(&mut self, (action, kind): (u32, StopKind)) {
         let Job::Program(run) = &mut self.job else { return };
         if !matches!(kind, StopKind::User(_)) {
-            // It waits here anyway.
+            // The program waits here anyway.
             run.step = None;
         }
         match kind {
-            // The cycle goes on after a wait for an input.
+            // The cycle continues by itself after a wait for an input.
             StopKind::Program | StopKind::ToolChange(_) | StopKind::Input => {}
             StopKind::Step => {
                 if !self.program.switches.is_single_step() {
@@ -260,7 +261,7 @@ impl Operator {
                 let changes = [TOOL_CHANGE_CODE, CHANGE_BEGINS].contains(&call.number);
                 match call.words {
                     [Some(tool), _] if changes => {
-                        // Numbers of tools are whole.
+                        // Tool numbers are integers.
                         run.beginning = Some(ChangeBeginning {
                             call,
                             stop: action + 1,
@@ -275,7 +276,7 @@ impl Operator {
         }
     }
 
-    /// Hears a user-defined M code, and goes on when it is done.
+    /// Receives events of a user-defined M code, and continues the program when it is done.
     fn follow_command(&mut self) {
         let (mut lines, mut failure, mut done) = (Vec::new(), None, None);
         let Job::Program(run) = &mut self.job else { return };
@@ -287,7 +288,7 @@ impl Operator {
                     command.is_done = true;
                     done = Some(command.stop);
                 }
-                // One that was told to end has not failed.
+                // A code that was cancelled has not failed.
                 UserNews::Ended(Err(_)) if command.is_cancelled => {}
                 UserNews::Ended(Err(text)) => {
                     run.has_failed = true;
@@ -296,7 +297,7 @@ impl Operator {
             }
         }
         let line = command.call.line;
-        // After the stop it is forgotten.
+        // Once the program has left the stop, the code is dropped.
         let setpoint = &self.view.setpoint;
         let is_behind = command.is_done && setpoint.actions > command.stop;
         if is_behind || setpoint.state == State::Running {
@@ -334,7 +335,7 @@ impl Operator {
         }
         match (result, planned, after) {
             (JobResult::Done, planned, Some(after)) => {
-                // As it was planned, not foreseen: a parameter may be what an input gave.
+                // As planned, not as simulated: a parameter may depend on an input.
                 let followed = self.program.modes.modal.tool_offset;
                 let (kept, tools) = match planned {
                     Ok(Some(left)) => {
@@ -346,11 +347,11 @@ impl Operator {
                 self.keep.memory.kept = kept;
                 self.keep.memory.tools = tools.or_else(|| self.keep.memory.tools.take());
                 self.program.modes = after.modes;
-                // A tool that was measured in the block is as long as it was found to be.
+                // A tool that was measured in the block has its measured length.
                 self.program.modes.modal.tool_offset = followed;
             }
-            // A copy: what the planner's thread has allocated is to be free as a whole when it ends, so that
-            // the next one finds its part of the heap as this one has found it.
+            // Copied, so that everything the planner's thread has allocated is freed when it ends. Otherwise
+            // the next planner would find a different heap.
             (JobResult::Done, Ok(Some(left)), None) => self.keep.memory.clone_from(&left),
             (JobResult::Failed, Err(error), _) => {
                 let lines_before = self.lines_before();
@@ -372,7 +373,7 @@ impl Operator {
         }
     }
 
-    /// Ends the job once what it has left is written.
+    /// Ends the job once its state is saved.
     fn follow_saving(&mut self) {
         let Job::Program(run) = &self.job else { return };
         let Some((result, saving, begun)) = &run.saving else {

@@ -1,4 +1,4 @@
-//! The axes away from a held program, and back.
+//! Excursions from a held program, and the return.
 
 use evolvent_control::JobResult;
 use evolvent_motion::{Excursion, ExcursionEnd, Setpoint, State, TransferExecutor};
@@ -31,7 +31,7 @@ impl ServedParts {
         }
     }
 
-    /// One setpoint of an excursion. The program is stepped as in a hold.
+    /// Computes one setpoint of an excursion. The program is stepped as in a hold.
     pub(super) fn follow_away(
         &mut self,
         now: &mut CycleState,
@@ -48,7 +48,7 @@ impl ServedParts {
         self.turn_away(now, &mut excursion, sequence);
         let switches = self.signals.as_ref().map(SignalLoop::overrides);
         let mut inputs = now.inputs.switched_by(&switches.unwrap_or_default());
-        // The program receives a stop when the axes are at rest, which ends the job.
+        // The program receives the stop when the axes are at rest, which ends the job.
         inputs.stop &= !excursion.is_moving();
         inputs.resume = false;
         let spindle_overrides = self.counted_overrides(now);
@@ -86,7 +86,7 @@ impl ServedParts {
             }
         }
         if job.motion.is_over() {
-            // Its transfer, if any, goes back to be dropped.
+            // Its transfer, if any, is returned to be dropped.
             now.excursion = Some(excursion);
             return (setpoint, Some(result_of(now, job, &setpoint)));
         }
@@ -98,7 +98,7 @@ impl ServedParts {
         (setpoint, None)
     }
 
-    /// Changes the transfer of the excursion if that is due.
+    /// Changes the transfer of the excursion if a change is due.
     fn turn_away(&mut self, now: &mut CycleState, excursion: &mut Excursion, sequence: u64) {
         let Some(turn) = now.turn.take_if(|turn| turn.after < sequence) else {
             return;
@@ -161,7 +161,7 @@ impl ServedParts {
             return None;
         };
         let is_waiting = self.signals.as_ref().is_some_and(SignalLoop::is_waiting);
-        // A resumption may have been ordered just before.
+        // A resume may have been ordered just before.
         let stands = now.inputs.hold || job.motion.state() == State::ProgramStop;
         if !stands || is_waiting {
             return None;

@@ -1,4 +1,4 @@
-//! The drives of a served machine: where they are, what they are sent, and what stops for them.
+//! The drives of a served machine: their positions, what is sent to them, and stops due to their alarms.
 
 use evolvent_bus::Feedback;
 use evolvent_drive::{Command, DriveAlarm, PowerRequest};
@@ -9,7 +9,7 @@ use super::{CycleState, ServedParts};
 use crate::serve::orders::CycleEvent;
 use crate::signal_loop::SignalLoop;
 
-/// Feedback that one cycle looks through for the newest.
+/// Maximum number of feedback messages that one cycle reads to find the newest.
 const MAX_FEEDBACK: usize = 256;
 
 impl ServedParts {
@@ -24,14 +24,14 @@ impl ServedParts {
         newest
     }
 
-    /// Drives without power may be moved by hand: the core stands where they are.
+    /// Sets the core's position to that of the drives, which may be moved by hand while they have no power.
     pub(super) fn rebase_to_drives(&mut self, now: &mut CycleState, feedback: &Feedback, time_ns: u64) {
         let is_off = now.drive.power == PowerRequest::Off && now.is_idle();
         let is_believed = self.watch.believes(time_ns, feedback);
         if !is_off || !self.station.is_at_rest() || !is_believed {
             return;
         }
-        // A core that was restarted does not know by which names the bridge goes on.
+        // A restarted core does not know the datum that the bridge uses.
         now.drive.datum = now.drive.datum.max(feedback.datum);
         if feedback.datum != now.drive.datum {
             return;
@@ -53,7 +53,7 @@ impl ServedParts {
         for i in 0..position.len() {
             if found[i] != position[i] {
                 position[i] = found[i];
-                // Beyond the travel it may stand, and come back.
+                // An axis beyond its travel may stay there and come back.
                 self.limits.travel_min[i] = self.limits.travel_min[i].min(position[i]);
                 self.limits.travel_max[i] = self.limits.travel_max[i].max(position[i]);
                 moved = true;
@@ -68,7 +68,7 @@ impl ServedParts {
         }
     }
 
-    /// What the drives are sent for a setpoint.
+    /// The position sent to the drives for a setpoint.
     pub(super) fn correct(&mut self, now: &mut CycleState, setpoint: &Setpoint) -> Option<Jet> {
         let corrections = self.corrections.as_mut()?;
         let inputs = self.signals.as_ref().map(SignalLoop::inputs);
@@ -122,7 +122,7 @@ impl ServedParts {
         if follows && now.stops_for_drives {
             return;
         }
-        // Whatever other fault came first: the desk must hear of this one, because it takes the power.
+        // Whatever fault came first, the control thread must receive this one because it removes the power.
         now.stops_for_drives = true;
         now.faulted = true;
         self.report(CycleEvent::Drive { sequence, alarm });

@@ -1,4 +1,4 @@
-//! What moves the axes of a served machine, setpoint by setpoint.
+//! Motions of a served machine, setpoint by setpoint.
 
 use evolvent_control::JobResult;
 use evolvent_drive::PowerRequest;
@@ -18,7 +18,7 @@ impl ServedParts {
         }
     }
 
-    /// One setpoint of whatever moves the axes.
+    /// Computes one setpoint of whatever moves the axes.
     pub(super) fn step(&mut self, now: &mut CycleState, deadline: u64) -> Setpoint {
         (now.notes.turned, now.plan_setpoint) = (None, None);
         now.notes.input_bits = if std::mem::take(&mut now.relocated) {
@@ -78,13 +78,13 @@ impl ServedParts {
         now: &mut CycleState,
         job: &mut Following,
     ) -> (Setpoint, Option<JobResult>) {
-        // It counts for the stop that was meant, and for none after it.
+        // A resume applies to the stop that it was meant for, and to no later one.
         let is_meant = now.stops.go_on.is_some() && now.stops.go_on == now.stops.at_stop;
         now.inputs.resume = is_meant && !now.inputs.resume;
         let waiting = self.signals.as_ref().filter(|signals| signals.is_waiting());
         let at_wait = waiting.is_some();
         if let Some(signals) = waiting {
-            // Only the wait's end goes on from here.
+            // Only the end of the wait continues the program here.
             now.inputs.resume = signals.is_over() && job.motion.can_leave_wait(&mut job.queue);
         }
         let trouble = self.signals.as_ref().and_then(SignalLoop::spindle_in_trouble);
@@ -138,7 +138,7 @@ impl ServedParts {
         }
         let sequence = self.station.sequence();
         if let Some(turn) = now.turn.take_if(|turn| turn.after < sequence) {
-            // Too late for it, the old motion goes on to its own end.
+            // If it is too late for the change, the old motion continues to its own end.
             if turn.after + 1 == sequence && self.station.turn(steering, &turn.steering) {
                 now.keep_until_ns = turn.until_ns;
                 self.report(CycleEvent::Applied {
@@ -163,7 +163,7 @@ impl ServedParts {
         (setpoint, result)
     }
 
-    /// Every axis stops by itself; whatever moved them is over.
+    /// Stops each axis on its own and ends the motion.
     pub(super) fn emergency(&mut self, now: &mut CycleState) {
         self.station.emergency();
         now.drive.power = PowerRequest::QuickStop;
@@ -199,7 +199,7 @@ impl ServedParts {
     }
 }
 
-/// How a job along a plan that is over has ended.
+/// How a job along a plan has ended.
 pub(super) fn result_of(now: &CycleState, job: &Following, setpoint: &Setpoint) -> JobResult {
     match setpoint.state {
         State::Fault => JobResult::Fault,

@@ -1,4 +1,4 @@
-//! What the trace receives of a cycle beside its setpoint.
+//! Data of a cycle for the trace, besides its setpoint.
 
 use evolvent_bus::Feedback;
 use evolvent_drive::Presence;
@@ -7,18 +7,18 @@ use evolvent_path::{AXES, AxisMask};
 use evolvent_trace::{CycleRecord, PhaseRecord, inputs as recorded};
 use evolvent_turning::Transition;
 
-/// A cutting load that is older than this is none any more.
+/// Maximum age of a cutting load that is recorded.
 const LOAD_AGE_NS: u64 = 1_000_000_000;
 
-/// What is recorded of the present cycle, and what was recorded before where that counts on.
+/// Data of the present cycle, and earlier data on which later cycles depend.
 pub(super) struct CycleNotes {
-    /// What the step depended on, as bits of the trace.
+    /// Inputs of the step, as bits of the trace.
     pub(super) input_bits: u32,
-    /// How the cycle follows the drives' clock; none where no phase error was reported with this cycle.
+    /// How the cycle follows the drives' clock; `None` if no phase error was reported with this cycle.
     pub(super) phase: Option<PhaseRecord>,
-    /// As the drives reported it last; not a number where none replies.
+    /// The drives' last report; NaN without a reply.
     pub(super) following_error: [f64; AXES],
-    /// Number of the newest cutting load, and the setpoint with which it was first used.
+    /// Number of the newest cutting load, and the setpoint that first used it.
     load_seen: (u64, u64),
     /// The change of state of a turning cycle.
     pub(super) turned: Option<Transition>,
@@ -37,8 +37,7 @@ impl Default for CycleNotes {
 }
 
 impl CycleNotes {
-    /// The cutting load that this cycle went by, for the trace; not a number where a sensor has been silent
-    /// for long.
+    /// Records the cutting load that this cycle used; NaN if the sensor has been silent for too long.
     pub(super) fn note_load(&mut self, record: &mut CycleRecord, load: Option<LoadSample>, period_ns: u64) {
         let Some(newest) = load else { return };
         if newest.sequence != self.load_seen.0 {
@@ -52,7 +51,7 @@ impl CycleNotes {
         record.load = if is_old { f64::NAN } else { newest.value };
     }
 
-    /// What the drives measured, for the trace.
+    /// Records the drives' following error.
     pub(super) fn note_following_error(&mut self, presence: Presence, feedback: Option<&Feedback>) {
         if presence == Presence::Absent {
             self.following_error = [f64::NAN; AXES];

@@ -1,4 +1,4 @@
-//! Orders of the operator, as the cycle takes them.
+//! How the cycle takes the operator's orders.
 
 use evolvent_drive::PowerRequest;
 use evolvent_machine::Limits;
@@ -9,15 +9,15 @@ use super::{CycleState, ServedParts, Turn};
 use crate::serve::orders::{ActiveJob, CycleCommand, CycleEvent, Following, NotBegun};
 use crate::serve::urgent::Urgent;
 
-/// Maximum number of orders that one cycle takes; more than ever wait.
+/// Maximum number of orders that one cycle takes; more never wait.
 const MAX_ORDERS: usize = 32;
 
 impl ServedParts {
     pub(super) fn take_orders(&mut self, now: &mut CycleState) {
         for _ in 0..MAX_ORDERS {
             let next = self.orders.pop();
-            // Before each order: one of the queue may have been sent after an urgent one that had not come
-            // yet.
+            // Before each order: an order of the queue may have been sent after an urgent one that had not
+            // arrived at the last check.
             self.take_urgent(now);
             let Ok(order) = next else { break };
             let reported = !matches!(order.what, CycleCommand::Turn { .. });
@@ -31,13 +31,13 @@ impl ServedParts {
                 });
             }
             if renames {
-                // Bridges take over a new datum at rest: what moves the axes begins with the next setpoint.
+                // Bridges take over a new datum at rest, so motion begins with the next setpoint.
                 break;
             }
         }
     }
 
-    /// Takes what cannot wait, the oldest first.
+    /// Takes urgent orders, oldest first.
     fn take_urgent(&mut self, now: &mut CycleState) {
         while let Some((urgent, id)) = now.urgent.take(&self.urgent) {
             let what = match urgent {
@@ -51,8 +51,8 @@ impl ServedParts {
         }
     }
 
-    /// An order of the queue that an urgent one which was sent later has overtaken: it must not undo that
-    /// one. Gives back what is to be taken all the same.
+    /// Handles an order of the queue that a later urgent order has overtaken, which it must not undo. Returns
+    /// what is to be carried out nevertheless.
     fn skip_overtaken(&mut self, now: &mut CycleState, id: u64, what: CycleCommand) -> Option<CycleCommand> {
         const ANY: [Urgent; 3] = [Urgent::Emergency, Urgent::Stop, Urgent::PowerOff];
         let has_overtaken = |kinds: &[Urgent]| now.urgent.overtook(kinds, id);
@@ -79,14 +79,14 @@ impl ServedParts {
                 now.power_orders.settle(id);
             }
             CycleCommand::LeaveEstop if has_overtaken(&[Urgent::Emergency]) => {}
-            // Of settings, what was ordered counts; holds, resumptions and releases of program stops begin
-            // nothing that stops.
+            // Settings remain valid; holds, resumes and releases of program stops begin nothing that would
+            // have to stop.
             what => return Some(what),
         }
         None
     }
 
-    /// Takes an order. Returns `false` if it has no effect, so that the trace must not have it.
+    /// Carries an order out. Returns `false` if it has no effect and must not appear in the trace.
     fn take(&mut self, now: &mut CycleState, id: u64, what: CycleCommand) -> bool {
         let Some(what) = self.skip_overtaken(now, id, what) else {
             return false;
@@ -114,7 +114,7 @@ impl ServedParts {
                 }
             }
             CycleCommand::Hold => now.inputs.hold = true,
-            // The axes have to come back first.
+            // The axes have to return first.
             CycleCommand::Resume(_) if now.excursion.is_some() => {}
             CycleCommand::Resume(stop) => {
                 now.inputs.hold = false;
@@ -208,7 +208,7 @@ impl ServedParts {
         begins
     }
 
-    /// A job that does not begin here goes back.
+    /// Returns a job that cannot begin here.
     fn misplace(&mut self, now: &CycleState, work: ActiveJob, otherwise: NotBegun) {
         let sequence = self.station.sequence();
         let cause = if now.is_ready() {
@@ -223,7 +223,7 @@ impl ServedParts {
         });
     }
 
-    /// The position at which the axes are at rest gets these coordinates and limits.
+    /// Gives the position at which the axes are at rest these coordinates, and sets the limits.
     fn relocate(&mut self, now: &mut CycleState, position: Axes, limits: Limits, renames: bool) {
         if !now.is_idle() || !self.station.is_at_rest() {
             return;

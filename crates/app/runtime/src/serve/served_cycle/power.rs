@@ -1,8 +1,8 @@
-//! Power of the drives: off at once, and on once the drives have been without it.
+//! Power of the drives: off at once, and on after the drives have been without power.
 //!
-//! A bridge that has stopped its drives gives power again only after *off*, and it takes a drive some periods
-//! to leave operation. ON right after OFF would come before either: the bridge would miss the *off* between
-//! two of its periods, or take the drive that leaves operation late for one that has failed.
+//! A bridge that has stopped its drives restores power only after *off*, and a drive takes some periods to
+//! leave operation. An ON directly after OFF would come too early for both: the bridge would miss an *off*
+//! between two of its periods, or mistake a drive that is late in leaving operation for one that has failed.
 
 use evolvent_bus::Feedback;
 use evolvent_drive::{DriveState, PowerRequest};
@@ -10,49 +10,49 @@ use evolvent_path::AxisMask;
 
 use super::{CycleState, ServedParts};
 
-/// How long ON waits at most for the drives, ns: then power is requested, and what hinders it raises its
-/// alarm. A brake closes in less (60 to 250 ms by the data sheets of servo motors).
+/// Maximum time that ON waits for the drives, ns. After it, power is requested, and whatever prevents it
+/// raises its alarm. A brake closes faster (60 to 250 ms according to data sheets of servo motors).
 const MAX_OFF_NS: u64 = 500_000_000;
-/// The same while a drive brakes by its own quick stop ramp, ns: bridges remove the voltage after 2 s.
+/// The same while a drive brakes along its own quick stop ramp, ns: bridges remove the voltage after 2 s.
 const MAX_BRAKING_NS: u64 = 2_500_000_000;
 
-/// An ON that waits.
+/// A waiting ON.
 #[derive(Clone, Copy, Debug)]
 struct PendingOn {
     order: u64,
-    /// Periods for which it has waited without power.
+    /// Number of periods for which it has waited without power.
     periods: u64,
 }
 
-/// ON that waits for the drives, and what they were asked before.
+/// An ON that waits for the drives, and the power requested before.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PowerOrders {
     pending: Option<PendingOn>,
-    /// The setpoint since which the drives are requested to be off.
+    /// The setpoint since which off has been requested.
     off_since: Option<u64>,
-    /// The last order that was carried out or refused.
+    /// The last order that was carried out or rejected.
     settled: u64,
 }
 
 impl PowerOrders {
-    /// After an emergency or a fault power has to be ordered again.
+    /// Cancels a waiting ON: after an emergency stop or a fault, power has to be ordered again.
     pub(super) fn cancel(&mut self) {
         if let Some(pending) = self.pending.take() {
             self.settle(pending.order);
         }
     }
 
-    /// An order was carried out or refused. One that was overtaken by a later one changes nothing.
+    /// Notes that an order was carried out or rejected. An older order than the last changes nothing.
     pub(super) fn settle(&mut self, order: u64) {
         self.settled = self.settled.max(order);
     }
 
-    /// The last order that was carried out or refused.
+    /// The last order that was carried out or rejected.
     pub(super) const fn settled(&self) -> u64 {
         self.settled
     }
 
-    /// Remembers what is requested with a setpoint.
+    /// Stores what is requested with a setpoint.
     pub(super) fn record_request(&mut self, power: PowerRequest, sequence: u64) {
         if power == PowerRequest::Off {
             self.off_since.get_or_insert(sequence);
@@ -72,8 +72,8 @@ impl ServedParts {
                 });
             }
             PowerRequest::On => now.power_orders.settle(id),
-            // A job has ended, but the axes still stop by themselves after an emergency or a fault: drives
-            // without torque would coast.
+            // A job has ended, but after an emergency stop or a fault the axes still stop on their own:
+            // drives without torque would coast.
             PowerRequest::Off if !self.station.is_at_rest() => {
                 now.power_off_at_rest = true;
                 now.power_orders.pending = None;
@@ -88,8 +88,8 @@ impl ServedParts {
         }
     }
 
-    /// Carries out an ON that waits: once the bridge has replied to a setpoint without power and no drive has
-    /// torque, and at once where no bridge is heard, because waiting would hide its alarm.
+    /// Carries out a waiting ON once the bridge has replied to a setpoint without power and no drive has
+    /// torque. Without feedback it does so at once, because waiting would hide the alarm.
     pub(super) fn carry_out_on(&mut self, now: &mut CycleState, taken_ns: u64) {
         if now.is_estop || now.faulted {
             now.power_orders.cancel();
@@ -126,7 +126,7 @@ impl ServedParts {
     }
 }
 
-/// Whether the drive of an axis is in a state of which this is true.
+/// Whether any drive is in a state that satisfies the predicate.
 fn has_drive(feedback: &Feedback, is: impl Fn(DriveState) -> bool) -> bool {
     let axes = AxisMask::from_bits(feedback.axes_mask);
     axes.axes().any(|axis| {

@@ -12,7 +12,7 @@ use crate::serve::orders::{CycleEvent, Following};
 use crate::signal_loop::{SignalLoop, phase_of};
 
 impl ServedParts {
-    /// What the handwheel says.
+    /// The state of the handwheel.
     pub(super) fn handwheel(&self) -> HandwheelView {
         match (&self.signals, self.wheel_counts) {
             (Some(signals), Some(counts)) => signals.handwheel(counts),
@@ -20,21 +20,21 @@ impl ServedParts {
         }
     }
 
-    /// The spindle override of each spindle, where the program lets it count.
+    /// The override of each spindle, 1 where the program has switched it off.
     pub(super) fn counted_overrides(&self, now: &CycleState) -> SpindleOverrides {
         let switches = self.signals.as_ref().map(SignalLoop::overrides);
         let counts = switches.unwrap_or_default().spindles;
         counts.map(|counts| if counts { now.spindle_override } else { 1.0 })
     }
 
-    /// The spindles for which the program lets it not count, as bits.
+    /// Bit mask of the spindles whose override the program has switched off.
     pub(super) fn override_off_mask(&self) -> u32 {
         let switches = self.signals.as_ref().map(SignalLoop::overrides);
         let counts = switches.unwrap_or_default().spindles;
         (0..counts.len()).fold(0, |mask, number| mask | u32::from(!counts[number]) << number)
     }
 
-    /// Inputs that have come count for the next setpoint.
+    /// Applies received inputs to the next setpoint.
     pub(super) fn apply_inputs(&mut self) {
         if let Some(signals) = &mut self.signals {
             signals.apply_inputs(self.station.sequence(), self.period_ns, None);
@@ -42,7 +42,7 @@ impl ServedParts {
         }
     }
 
-    /// An open chain stops everything, and the drives.
+    /// Stops everything, including the drives, if the chain is open.
     pub(super) fn check_chain(&mut self, now: &mut CycleState) {
         let is_open = self.signals.as_ref().is_some_and(SignalLoop::is_estopped);
         if is_open && !now.is_estop {
@@ -53,7 +53,7 @@ impl ServedParts {
         }
     }
 
-    /// What a program has scheduled is carried out from its first setpoint on.
+    /// Starts the schedule of a program with its first setpoint.
     pub(super) fn begin_schedule(&mut self, job: &mut Following) {
         let Some(signals) = &mut self.signals else { return };
         if let Some(schedule) = job.schedule.take() {
@@ -64,7 +64,7 @@ impl ServedParts {
         }
     }
 
-    /// The outputs that count with a setpoint. Returns whether one has changed.
+    /// Sets the outputs that take effect with a setpoint. Returns whether one has changed.
     pub(super) fn set_outputs(&mut self, now: &CycleState, setpoint: &Setpoint) -> bool {
         let Some(signals) = &mut self.signals else {
             return false;

@@ -1,4 +1,4 @@
-//! The whole cycle: allocations, and what an open chain does.
+//! The complete cycle: its allocations, and the effect of an open chain.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ use crate::signal_loop::InputSource;
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
-/// A cycle at rest at home without signals, corrections and drives' clock, and what it tells.
+/// A cycle at rest at home, without signals, corrections and drives' clock, with its queues.
 fn parts_at_home(
     limits: Limits,
     period_ns: u64,
@@ -54,8 +54,8 @@ fn transfer(limits: &Limits, from: Axes, to: Axes) -> TransferExecutor {
     TransferExecutor::new(Transfer::solve(limits, &from, &to, Sync::Time).unwrap())
 }
 
-/// Calls of the allocator by a cycle that drives so many jogs, each with a turn that comes too late,
-/// renamings, an override and feedback of every cycle.
+/// Number of allocator calls by a cycle that drives this number of jogs, each with a change that is too late,
+/// with renamings, an override and feedback in every cycle.
 fn calls_during(jogs: u64) -> (u64, u64) {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
     let text = std::fs::read_to_string(file).unwrap();
@@ -77,7 +77,7 @@ fn calls_during(jogs: u64) -> (u64, u64) {
         trace: Some(trace),
     };
     let (parts, mut events, mut views) = parts_at_home(limits, period_ns, (cycle_orders, feedback));
-    // A machine whose drives report nothing that counts.
+    // A machine without drives to monitor.
     let mut settings = WatchSettings::new(period_ns, AxisMask::NONE);
     settings.mode = WatchMode::Ignore;
     let parts = ServedParts {
@@ -99,13 +99,13 @@ fn calls_during(jogs: u64) -> (u64, u64) {
     while ended < jogs {
         while let Ok(view) = views.pop() {
             at = view.setpoint.position;
-            // Feedback that nobody needs is read all the same.
+            // Unneeded feedback is read as well.
             let _full = to_cycle.push(Feedback::default());
         }
         while let Ok(event) = events.pop() {
             match event {
                 CycleEvent::Ended { .. } => ended += 1,
-                // The view was older than the event: once more.
+                // The view was older than the event: try again.
                 CycleEvent::Misplaced { .. } => begun = ended,
                 _ => {}
             }
@@ -142,7 +142,7 @@ fn the_cycle_allocates_and_frees_nothing_however_long_it_runs_and_whatever_it_dr
     assert_eq!(few, many, "calls of the allocator");
 }
 
-/// A machine with a chain on input 0 and a clamp, safe when it is on, on output 0.
+/// A machine with a chain on input 0, and on output 0 a clamp whose safe state is on.
 fn settings() -> SignalSettings {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
     let text = std::fs::read_to_string(file).unwrap();
@@ -152,7 +152,7 @@ fn settings() -> SignalSettings {
     machine.signals
 }
 
-/// The control thread sleeps: nobody takes events or views, and no order comes.
+/// The control thread sleeps: events and views are not read, and no order arrives.
 #[test]
 fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sleeps() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
@@ -287,10 +287,10 @@ struct PowerTrial {
     to_cycle: Producer<Feedback>,
     views: Consumer<CycleView>,
     requests: Vec<PowerRequest>,
-    /// Whether the bridge replies to new setpoints, and whether it sends anything.
+    /// Whether the bridge replies to new setpoints, and whether it sends at all.
     replies: bool,
     sends: bool,
-    /// The drive brakes by its own ramp.
+    /// The drive brakes along its own ramp.
     brakes: bool,
 }
 
@@ -331,7 +331,7 @@ impl PowerTrial {
     fn reply(&self) -> Feedback {
         let number = self.requests.len();
         let sequence = if self.replies { number.saturating_sub(2) } else { 0 };
-        // What was requested two setpoints ago is what the drives do another three later.
+        // The drives do what was requested two setpoints ago after another three.
         let of = |ago: usize| number.checked_sub(ago).map(|at| self.requests[at]);
         let is_on = (2..=5).any(|ago| of(ago) == Some(PowerRequest::On));
         let (state, bridge) = if self.brakes {
@@ -352,7 +352,7 @@ impl PowerTrial {
         reply
     }
 
-    /// What these cycles request, and the last order that they have settled.
+    /// The requests of these cycles, and the last order that was settled.
     fn run(&mut self, cycles: usize) -> (Vec<PowerRequest>, u64) {
         let first = self.requests.len();
         for _ in 0..cycles {
@@ -401,15 +401,14 @@ fn power_returns_once_the_drives_have_been_without_it() {
         }
         let (after, order) = trial.run(30);
         let is_off = after.iter().take_while(|power| **power == OFF).count();
-        // Two until the reply, three until the drive has left operation, one for the look.
+        // Two until the reply, three until the drive has left operation, one until it is noticed.
         assert!((5..=7).contains(&is_off), "{is_off}: {after:?}");
         assert!(after[is_off..].iter().all(|power| *power == ON), "{after:?}");
         assert_eq!(order, on);
     }
 }
 
-/// A bridge that sends what it last heard of, for ever: its alarm comes from the watch, not from a wait
-/// without an end.
+/// A bridge that repeats its last reply for ever: its alarm comes from the watch, and the wait ends.
 #[test]
 fn power_that_nobody_replies_to_is_requested_in_half_a_second() {
     let mut trial = PowerTrial::new();
@@ -423,7 +422,7 @@ fn power_that_nobody_replies_to_is_requested_in_half_a_second() {
     assert_eq!(order, 3);
 }
 
-/// Its voltage would be removed at speed, and the bridge would refuse power after it.
+/// Otherwise its voltage would be removed at speed, and the bridge would then refuse power.
 #[test]
 fn power_waits_for_a_drive_that_brakes_longer_than_half_a_second() {
     for ramp_ends in [true, false] {
@@ -457,7 +456,7 @@ fn power_is_requested_at_once_of_a_bridge_that_has_fallen_silent() {
     assert_eq!(trial.run(1), (vec![ON], 3));
 }
 
-/// Also where ON comes in the cycle after it, when nobody else knows of it yet.
+/// Also if ON arrives in the cycle after it, before the control thread knows of it.
 #[test]
 fn an_emergency_or_a_fault_takes_a_waiting_on_back() {
     let troubles: [fn(&mut PowerTrial); 2] = [
