@@ -1,7 +1,7 @@
-//! How soon a hold takes effect, at random moments of a program: periods from the command's leaving its
-//! client to the moment at which the first setpoint that is slower is due (its computing in time, plus the
-//! lead), and setpoints from the newest that was computed when the command was judged. The client is a
-//! real-time thread of low priority, where that is permitted: it is the core that is measured.
+//! Measures how soon a hold takes effect, at random moments of a program: periods from sending the command to
+//! the due time of the first slower setpoint (its computation in time, plus the lead), and setpoints from the
+//! newest one computed when the command was authorized. If permitted, the client is a real-time thread of low
+//! priority, because the core is to be measured.
 //!
 //! `cargo run --release -p evolvent-tests --example hold [HOLDS]`
 #![expect(
@@ -28,7 +28,7 @@ fn main() {
     operator.says_number("MODE", 0);
     operator.says_text("LOAD", program.to_str().expect("UTF-8"));
     operator.says("START");
-    // Only now: what was started before is of its own class.
+    // Only now: processes that were started before keep their own scheduling class.
     let request = RealtimeRequest {
         priority: Some(2),
         ..RealtimeRequest::default()
@@ -42,7 +42,7 @@ fn main() {
     while cycles.len() < holds as usize {
         let status = operator.waits("full speed", |status| status.feed_mm_s > 99.0);
         std::thread::sleep(Duration::from_micros(random.below(200_000) as u64));
-        // Away from the ends of the lines, where it is slower by itself.
+        // Away from the ends of the lines, where the program itself slows down.
         let status_now = operator.now();
         if status_now.distance_to_go[0].abs() < 40.0 || status_now.feed_mm_s < 99.0 {
             continue;

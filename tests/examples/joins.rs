@@ -1,9 +1,10 @@
-//! What joining, leaving and dying subscribers cost a machine that is served at 10 kHz.
+//! Measures the cost of joining, leaving and killed subscribers for a machine that is served at 10 kHz.
 //!
-//! `cargo run --release -p evolvent-tests --example joins [JOINS]`: in one run by turns, for as long each,
-//! without and with subscribers that join and leave, one in ten of them killed. Prints the cycle's own work
-//! in each part, from the trace, and what a steady reader lost. Only parts of one run can be compared: what a
-//! shared host takes is another from minute to minute, and the longer one looks, the larger is the largest.
+//! `cargo run --release -p evolvent-tests --example joins [JOINS]`: alternates, in one run and for equal
+//! times, between phases without and with subscribers that join and leave, one in ten of them killed. Prints
+//! the work of the cycle in each phase, from the trace, and the losses of a steady reader. Only phases of one
+//! run can be compared: the load of a shared host changes from minute to minute, and a longer measurement has
+//! a larger maximum.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -19,7 +20,7 @@ use evolvent_bus::{ClientBus, ClientConfig};
 use evolvent_tests::{Domain, Operator, Served, Workshop};
 
 const NAME: &str = "joins";
-/// Turns of joins and of none.
+/// Number of phases with joins and of phases without.
 const TURNS: u32 = 4;
 
 fn main() {
@@ -47,7 +48,7 @@ fn join(prefix: &str) -> ClientBus {
     ClientBus::open(&config).expect("a core")
 }
 
-/// Setpoints of one part of the run.
+/// Setpoints of one phase of the run.
 struct Part {
     what: &'static str,
     from: u64,

@@ -1,10 +1,10 @@
-//! A machine that is operated for a long time: the core at 1 kHz with a trace, simulated drives, and three
-//! clients: one that reads every setpoint, one that polls the status, one that commands (programs, overrides,
-//! holds, jogs, MDI).
+//! Operates a machine for a long time: the core at 1 kHz with a trace, simulated drives, and three clients:
+//! one reads every setpoint, one polls the status, one sends commands (programs, overrides, holds, jogs,
+//! MDI).
 //!
-//! `cargo run --release -p evolvent-tests --example soak [MINUTES [no-trace]]`: every ten seconds it looks
-//! how much memory each process has; at the end it prints what was lost, and how fast the highest of each
-//! minute grew after the first third: a job's memory comes and goes with it.
+//! `cargo run --release -p evolvent-tests --example soak [MINUTES [no-trace]]`: reads the memory of each
+//! process every ten seconds. At the end it prints the losses, and the growth of the maximum of each minute
+//! after the first third: the memory of a job is temporary.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -36,7 +36,7 @@ fn main() {
     }
 }
 
-/// Whether whoever started this process wants it to end: it closes our standard input.
+/// Whether the parent wants this process to end: it closes our standard input.
 fn over() -> Arc<AtomicBool> {
     let over = Arc::new(AtomicBool::new(false));
     let told = Arc::clone(&over);
@@ -124,7 +124,7 @@ struct Tally {
     interrupted: u64,
 }
 
-/// Everything that an operator does; none where something was refused.
+/// Everything that an operator does; `None` if a command was rejected.
 fn round(
     operator: &mut Operator,
     random: &mut Random,
@@ -166,7 +166,7 @@ fn round(
             status.machine_state == 2 || status.alarm_count > 0
         });
     }
-    // A jog that is kept, one by an increment, and back to where programs begin.
+    // A continuous jog, one by an increment, and a return to the start of programs.
     does(operator, &number("MODE", 1))?;
     let mut jog = amount("JOG", 20.0);
     (jog.axes_mask, jog.values[2]) = (0b100, -1.0);
@@ -208,7 +208,7 @@ fn round(
 struct Watched {
     name: &'static str,
     child: Child,
-    /// Seconds, resident KiB, of these anonymous.
+    /// Seconds, resident KiB, and the anonymous part.
     seen: Vec<(f64, [f64; 2])>,
 }
 
@@ -239,8 +239,8 @@ impl Watched {
         }
     }
 
-    /// The highest of each minute: first and last, and the slope of a straight line through all, KiB and
-    /// KiB/min.
+    /// The maximum of each minute: first and last, and the slope of a straight line through all of them, KiB
+    /// and KiB/min.
     fn growth(&self, which: usize, from: f64) -> [f64; 3] {
         let mut points: Vec<(f64, f64)> = Vec::new();
         for (time, values) in self.seen.iter().filter(|(time, _)| *time >= from) {
@@ -259,7 +259,7 @@ impl Watched {
         [first, last, if below > 0.0 { above / below } else { 0.0 }]
     }
 
-    /// Closes its input, and gives what it says.
+    /// Closes its input and returns its output.
     fn end(mut self, signal: bool) -> String {
         drop(self.child.stdin.take());
         if signal {

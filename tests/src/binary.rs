@@ -9,9 +9,9 @@ use serde_json::Value;
 
 use crate::repository;
 
-/// A command that starts the binary, in the repository's folder and with nothing on its standard input. The
-/// binary is brought up to date first, in the target folder and profile of the running test; unless the
-/// environment variable `EVOLVENT_BINARY` names another one.
+/// A command that starts the binary in the folder of the repository, without standard input. The binary is
+/// first brought up to date in the target folder and profile of the running test, unless the environment
+/// variable `EVOLVENT_BINARY` names another one.
 #[must_use]
 pub fn evolvent() -> Command {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
@@ -24,10 +24,10 @@ fn build() -> PathBuf {
     std::env::var_os("EVOLVENT_BINARY").map_or_else(|| build_program("evolvent"), Into::into)
 }
 
-/// Builds a program of this workspace in the profile of the tests; its path.
+/// Builds a program of this workspace in the profile of the tests and returns its path.
 ///
 /// # Panics
-/// It cannot be built.
+/// If it cannot be built.
 pub(crate) fn build_program(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("the path of this test");
     let profile_folder = test.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
@@ -62,10 +62,10 @@ pub(crate) fn build_program(name: &str) -> PathBuf {
     profile_folder.join(name)
 }
 
-/// What a command came to.
+/// The result of a command.
 #[derive(Clone, Debug)]
 pub struct Finished {
-    /// The exit code; none if a signal ended it.
+    /// The exit code; `None` if a signal ended it.
     pub code: Option<i32>,
     /// Standard output.
     pub out: String,
@@ -77,7 +77,7 @@ impl Finished {
     /// Standard output as the one JSON object that `--json` promises.
     ///
     /// # Panics
-    /// It is not exactly that.
+    /// If the output is anything else.
     #[must_use]
     pub fn json(&self) -> Value {
         let value: Value = serde_json::from_str(&self.out)
@@ -86,10 +86,10 @@ impl Finished {
         value
     }
 
-    /// Asserts the exit code, showing both outputs if it is another.
+    /// Asserts the exit code; on failure it shows both outputs.
     ///
     /// # Panics
-    /// It is another.
+    /// If the exit code is another one.
     #[track_caller]
     pub fn expect_code(self, codes: &[i32]) -> Self {
         let fits = self.code.is_some_and(|code| codes.contains(&code));

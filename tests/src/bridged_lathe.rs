@@ -1,6 +1,6 @@
-//! Lathes behind the bridges to hardware, simulated over real sockets: two axes, and a spindle with an
-//! encoder. The truth is the simulator's own angle and its own carriage, read at the same instant; no bridge
-//! sees either.
+//! Lathes on hardware bridges, simulated over real sockets: two axes, and a spindle with an encoder. The
+//! reference is the true angle and the true carriage position of the simulator, read at the same instant; no
+//! bridge sees either.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -18,29 +18,29 @@ use crate::{Workshop, repository};
 /// Start positions of the axes, mm.
 const HOME: [f64; 2] = [20.0, 10.0];
 
-/// One look at a machine.
+/// One observation of a machine.
 #[derive(Clone, Copy, Debug)]
 pub struct Sight {
-    /// True turns of the spindle from an index pulse.
+    /// True turns of the spindle since an index pulse.
     pub turns: f64,
     /// True position of the carriage, mm.
     pub z: f64,
-    /// Packets that have come from the bridge.
+    /// Number of packets received from the bridge.
     pub packets: u64,
-    /// CLOCK_MONOTONIC.
+    /// Time of CLOCK_MONOTONIC.
     pub time_ns: u64,
 }
 
-/// What a simulator does on demand.
+/// Trouble that a simulator makes on demand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trouble {
-    /// The encoder sends nothing any more.
+    /// The encoder stops sending.
     EncoderOff,
     /// It loses counts.
     LostCounts,
     /// It sends no index pulse.
     IndexMissing,
-    /// The spindle stands still under power.
+    /// The spindle stalls under power.
     Stall,
     /// No packet arrives at the bridge.
     LinkLost,
@@ -48,25 +48,25 @@ pub enum Trouble {
     DriveFault,
 }
 
-/// A lathe behind a bridge.
+/// A lathe on a bridge.
 pub trait Lathe: Send + Sync {
-    /// Its machine file under a name, with these spindles.
+    /// Its machine file with a given name and these spindles.
     fn machine(&self, workshop: &Workshop, name: &str, spindles: &str) -> PathBuf {
         workshop.lathe(name, spindles)
     }
-    /// Where X and Z are when its drives have homed by themselves, which they do when power is first
+    /// Positions of X and Z after its drives have homed on their own, which they do when power is first
     /// requested.
     fn homed_at(&self) -> Option<[f64; 2]> {
         None
     }
-    /// Z stands at this coordinate. A drive finds its zero some moments after the edge of its switch, which
-    /// no setting states.
+    /// Sets the coordinate of Z. A drive finds its zero some time after the edge of its switch, by an amount
+    /// that no setting states.
     fn stands_at(&self, _z: f64) {}
-    /// Arguments of the bridge behind `evolvent bridge`.
+    /// Arguments of the bridge after `evolvent bridge`.
     fn bridge(&self, workshop: &Workshop) -> Vec<String>;
-    /// How it truly is now.
+    /// The true state now.
     fn look(&self) -> Sight;
-    /// Something goes wrong from now on.
+    /// Starts the trouble.
     fn trouble(&self, trouble: Trouble);
     /// Turns of the spindle per count of its encoder.
     fn resolution(&self) -> f64;
@@ -77,10 +77,10 @@ pub trait Lathe: Send + Sync {
 const COUNTS: i64 = 4096;
 const INDEX: i64 = 1500;
 const STEPS: [f64; 2] = [1000.0, 1400.0];
-/// The last number of the next board's address.
+/// The last byte of the address of the next board.
 static BOARDS: AtomicU8 = AtomicU8::new(1);
 
-/// Two steppers, an inverter with contacts, and an encoder on the spindle, at a 7I96S.
+/// Two steppers, an inverter with contacts, and a spindle encoder on a 7I96S.
 pub struct MesaLathe {
     server: BoardServer,
     address: std::net::IpAddr,
@@ -88,10 +88,10 @@ pub struct MesaLathe {
 }
 
 impl MesaLathe {
-    /// A board at an address of its own.
+    /// A board at its own address.
     ///
     /// # Panics
-    /// No address of this computer can be had.
+    /// If this computer has no free address.
     #[must_use]
     pub fn start() -> Self {
         let process = std::process::id();
@@ -125,8 +125,8 @@ impl MesaLathe {
         }
     }
 
-    /// With another maximum number of lost packets in a row: at a low rate a step generator turns over before
-    /// the usual number is reached.
+    /// With another maximum number of consecutive lost packets: at a low rate a step generator overflows
+    /// before the usual number is reached.
     #[must_use]
     pub fn with_lost_packets(mut self, max_lost_packets: u32) -> Self {
         self.max_lost_packets = max_lost_packets;
@@ -176,7 +176,7 @@ impl Lathe for MesaLathe {
             Trouble::IndexMissing => FaultKind::IndexMissing,
             Trouble::Stall => FaultKind::SpindleStall,
             Trouble::LinkLost => FaultKind::LossIn,
-            // An inverter without a contact for it.
+            // An inverter without a fault contact.
             Trouble::DriveFault => FaultKind::SpindleStall,
         };
         board.fault_now(kind, None);
@@ -191,11 +191,11 @@ impl Lathe for MesaLathe {
     }
 }
 
-/// Increments a turn of the drives, and where the zero impulse of the spindle is within a turn.
+/// Increments per turn of the drives, and the position of the spindle's zero impulse within a turn.
 const RESOLUTION: u32 = 1 << 20;
 const IMPULSE: f64 = 0.3;
 const LEAD_MM: f64 = 5.0;
-/// Positions of Z and of the spindle on the wire.
+/// Bus positions of Z and of the spindle.
 const Z_DRIVE: usize = 2;
 const SPINDLE_DRIVE: usize = 3;
 
@@ -205,7 +205,7 @@ pub struct RingLathe {
 }
 
 impl RingLathe {
-    /// Runs a trial with lathes on a simulated ring, one after the other: each call creates new devices,
+    /// Runs a trial with lathes on a simulated ring, one after the other. Each call creates new devices,
     /// because a drive that has lost its fieldbus under power is in fault.
     pub fn on_ring(trial: impl FnOnce(&dyn Fn() -> Arc<dyn Lathe>) + Send + 'static) {
         on_bench(Self::devices(), move |ring| {
@@ -238,7 +238,7 @@ impl RingLathe {
     }
 }
 
-/// How a lathe on a ring is now, with Z by the turns of its motor.
+/// The state of a lathe on a ring, with Z computed from the turns of its motor.
 fn ring_sight(ring: &SharedRing, z_of_turns: impl Fn(f64) -> f64) -> Sight {
     let mut ring = ring.lock().expect("no panic");
     let time_ns = monotonic_ns();
@@ -305,22 +305,22 @@ impl Lathe for RingLathe {
     }
 }
 
-/// The lathe that ships, `config/machines/lathe-ethercat.toml` with `config/networks/sim-lathe.toml`, on the
-/// ring that the network file names. Only what a busy host needs is changed.
+/// The shipped lathe, `config/machines/lathe-ethercat.toml` with `config/networks/sim-lathe.toml`, on the
+/// ring that the network file names. Only values for busy hosts are changed.
 pub struct ShippedLathe {
     ring: SharedRing,
     /// The coordinate of Z where its motor is at 0, mm.
     zero: Mutex<f64>,
 }
 
-/// Turns from the start of each axis to its limit switches, which are at these machine coordinates, and mm
+/// Turns from the start of each axis to its limit switches, the machine coordinates of these switches, and mm
 /// per turn of Z.
 const LIMITS: [f64; 2] = [-90.0, 10.0];
 const SWITCHES: [f64; 2] = [205.0, 605.0];
 const SHIPPED_LEAD_MM: f64 = 10.0;
 
 impl ShippedLathe {
-    /// Runs a trial with such lathes, as [`RingLathe::on_ring`].
+    /// Runs a trial with such lathes, as for [`RingLathe::on_ring`].
     pub fn on_ring(trial: impl FnOnce(&dyn Fn() -> Arc<dyn Lathe>) + Send + 'static) {
         on_bench(Self::devices(), move |ring| {
             trial(&|| {
@@ -354,7 +354,7 @@ impl ShippedLathe {
         ]
     }
 
-    /// A file that ships, with pieces of its text replaced.
+    /// A shipped file with pieces of its text replaced.
     fn changed(name: &str, changes: &[(&str, &str)]) -> String {
         let shipped = repository().join("config").join(name);
         let mut text = std::fs::read_to_string(shipped).expect("a file that ships");

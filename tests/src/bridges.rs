@@ -1,4 +1,4 @@
-//! Bridges under test: the command of each, and the suite over several cases at once.
+//! Bridges under test: the command of each, and the suite with several cases at once.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -8,16 +8,16 @@ use serde_json::Value;
 
 use crate::{evolvent, repository};
 
-/// Cases that run beside each other; each has a bus of its own.
+/// Number of concurrent cases; each has its own bus.
 const AT_ONCE: usize = 4;
-/// One suite after the other: they would keep each other waiting.
+/// Serialises the suites: they would slow each other down.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Runs the conformance suite against a bridge, or the simulated one where the command is empty, case by case
-/// in processes of their own. Returns the cases' reports.
+/// Runs the conformance suite against a bridge (the simulated one if the command is empty), each case in its
+/// own process. Returns the reports of the cases.
 ///
 /// # Panics
-/// A case failed, with its reason.
+/// If a case failed; with its reason.
 pub fn hold_to_the_suite(options: &[&str], command: &[String]) -> Vec<Value> {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let list = evolvent()
@@ -67,11 +67,11 @@ pub fn hold_to_the_suite(options: &[&str], command: &[String]) -> Vec<Value> {
     cases
 }
 
-/// Compiles an example of `tools/examples` in C (`bridge` or `signals`) with the system's compiler and the
-/// library of this workspace; the program's path.
+/// Compiles an example of `tools/examples` in C (`bridge` or `signals`) with the compiler of the system and
+/// the library of this workspace. Returns the path of the program.
 ///
 /// # Panics
-/// There is no compiler, or it complains.
+/// If there is no compiler, or if it reports an error.
 #[must_use]
 pub fn c_example(name: &str, folder: &Path) -> PathBuf {
     let test = std::env::current_exe().expect("the path of this test");

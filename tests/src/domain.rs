@@ -1,4 +1,4 @@
-//! A corner of shared memory of one's own.
+//! A separate domain of shared memory.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -8,11 +8,10 @@ use evolvent_bus::{ClientBus, ClientConfig, bus_folders, remove_private_domain};
 
 use crate::served::PATIENCE;
 
-/// How long processes may take to end that nobody waits for: a busy host may need that.
+/// Time within which processes that nobody waits for have to end, on a busy host too.
 const ENDING: Duration = Duration::from_secs(20);
 
-/// An iceoryx2 prefix that nobody else uses. At the end its files are swept away, and it is checked that none
-/// is left.
+/// A unique iceoryx2 prefix. On drop its files are removed, and it is checked that none remains.
 #[derive(Debug)]
 pub struct Domain {
     /// The prefix, for `--bus-prefix`.
@@ -20,7 +19,7 @@ pub struct Domain {
 }
 
 impl Domain {
-    /// A fresh one.
+    /// A new one.
     #[must_use]
     #[expect(clippy::new_without_default, reason = "two of them are never equal")]
     pub fn new() -> Self {
@@ -31,10 +30,10 @@ impl Domain {
         }
     }
 
-    /// A client of a machine, waiting for its core.
+    /// A client of a machine; waits for its core.
     ///
     /// # Panics
-    /// The core does not come within two minutes.
+    /// If the core does not start within two minutes.
     #[must_use]
     pub fn client(&self, machine: &str) -> ClientBus {
         let config = ClientConfig {
@@ -51,7 +50,7 @@ impl Domain {
         let mut found = Vec::new();
         let ours = bus_folders(Some(&self.prefix)).expect("the bus's folders");
         let mut folders = vec![PathBuf::from("/dev/shm")];
-        // One may lie in shared memory itself.
+        // One file may be in shared memory itself.
         folders.extend(
             ours.into_iter()
                 .map(|(folder, _)| folder)
@@ -76,7 +75,7 @@ impl Drop for Domain {
         if std::thread::panicking() {
             return;
         }
-        // Processes that are ending keep their files until then.
+        // Processes keep their files until they have ended.
         while removed.is_ok() && !self.files().is_empty() && begin.elapsed() < ENDING {
             std::thread::sleep(Duration::from_millis(20));
             removed = remove_private_domain(&self.prefix);

@@ -5,17 +5,17 @@ use std::process::{Child, Stdio};
 
 use crate::{Domain, evolvent};
 
-/// Simulated drives in a process of their own, `evolvent bridge sim`. Killed when they are dropped.
+/// Simulated drives in their own process, `evolvent bridge sim`. Killed on drop.
 #[derive(Debug)]
 pub struct Drives(Child);
 
 impl Drives {
-    /// Starts them on a machine; further options of the command behind. They go without setpoints for 100
-    /// periods before they brake, unless an option says otherwise: hosts that are busy keep core or drives
-    /// waiting for longer than the usual 10.
+    /// Starts drives for a machine, with further options of the command. They run without setpoints for 100
+    /// periods before they brake, unless an option says otherwise: busy hosts delay core or drives by more
+    /// than the default of 10.
     ///
     /// # Panics
-    /// They cannot be started.
+    /// If they cannot be started.
     #[must_use]
     pub fn start(machine: &Path, domain: &Domain, options: &[&str]) -> Self {
         let mut command = evolvent();

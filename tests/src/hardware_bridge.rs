@@ -1,4 +1,4 @@
-//! A bridge to hardware.
+//! A hardware bridge.
 
 use std::path::Path;
 use std::process::{Child, Stdio};
@@ -7,15 +7,15 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::{Domain, Finished, evolvent, wait};
 
-/// A bridge to hardware in a process of its own, `evolvent bridge ...`. Killed when it is dropped.
+/// A hardware bridge in its own process, `evolvent bridge ...`. Killed on drop.
 #[derive(Debug)]
 pub struct HardwareBridge(Option<Child>);
 
 impl HardwareBridge {
-    /// Starts it on a machine, with its kind and options. What it prints at its end is kept with `--json`.
+    /// Starts the bridge for a machine, with its kind and options. With `--json` its final output is kept.
     ///
     /// # Panics
-    /// It cannot be started.
+    /// If it cannot be started.
     #[must_use]
     pub fn start(arguments: &[String], machine: &Path, domain: &Domain) -> Self {
         let reports = arguments.iter().any(|argument| argument == "--json");
@@ -31,10 +31,10 @@ impl HardwareBridge {
         Self(Some(child))
     }
 
-    /// Asks it to end, as a service manager does, and waits.
+    /// Ends the bridge as a service manager does, and waits.
     ///
     /// # Panics
-    /// It does not end.
+    /// If it does not end.
     #[must_use]
     pub fn end(mut self) -> Finished {
         let child = self.0.take().expect("a child");

@@ -1,10 +1,10 @@
-//! Exact curves of a program in the XY plane, by formulas of their own.
+//! Exact curves of a program in the XY plane, by independent formulas.
 //!
-//! Nothing here comes from the crates under test. An involute of a circle of radius r is, from the roll angle
-//! `p`, at the distance `sqrt(1 + p^2) r` from the circle's centre and at the polar angle
-//! `start + s (p - atan p)`, where s is 1 if it winds counter-clockwise on its way out and -1 if not. Its
-//! normals are the tangents of the circle, so the distance of a point to it, along the tangent of length t
-//! that ends in the point, is `t - r p`.
+//! Nothing here comes from the crates under test. An involute of a circle of radius r has, at the roll angle
+//! `p`, the distance `sqrt(1 + p^2) r` from the centre of the circle and the polar angle `start + s (p - atan
+//! p)`, where s is 1 if it winds counter-clockwise outwards and -1 if not. Its normals are the tangents of
+//! the circle, so the distance of a point from it, measured along the tangent of length t that ends in the
+//! point, is `t - r p`.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -37,9 +37,9 @@ pub enum Piece {
         centre: [f64; 2],
         /// Its radius, mm.
         radius: f64,
-        /// Polar angle where the involute leaves its base circle, rad.
+        /// Polar angle at which the involute leaves its base circle, rad.
         start: f64,
-        /// 1 if it winds counter-clockwise on its way out, else -1.
+        /// 1 if it winds counter-clockwise outwards, else -1.
         sense: f64,
         /// Roll angles at the start and end, rad.
         roll: [f64; 2],
@@ -62,7 +62,7 @@ impl Piece {
         }
     }
 
-    /// Radius of the base circle of an involute that begins or ends on it, mm; 0 for all else.
+    /// Radius of the base circle of an involute that begins or ends on it, mm; 0 otherwise.
     #[must_use]
     pub fn base_radius_touched(&self) -> f64 {
         match self {
@@ -73,13 +73,13 @@ impl Piece {
         }
     }
 
-    /// Whether it curves.
+    /// Whether it is curved.
     #[must_use]
     pub const fn is_curved(&self) -> bool {
         !matches!(self, Self::Line { .. })
     }
 
-    /// The distance of a point of the XY plane to the whole line, circle or involute, mm.
+    /// The distance of a point of the XY plane from the whole line, circle or involute, mm.
     #[must_use]
     pub fn distance(&self, [x, y]: [f64; 2]) -> f64 {
         match *self {
@@ -104,14 +104,14 @@ impl Piece {
                 let (px, py) = (x - centre[0], y - centre[1]);
                 let tangent = (px * px + py * py - radius * radius).max(0.0).sqrt();
                 let roll = sense * (py.atan2(px) - start) + tangent.atan2(radius);
-                // The angle leaves the number of turns open: the nearest branch is meant.
+                // The angle is known up to whole turns: the nearest branch is taken.
                 let turns = ((tangent / radius - roll) / TAU).round();
                 (tangent - radius * (roll + TAU * turns)).abs()
             }
         }
     }
 
-    /// The greatest distance of the chord between two points to the piece, mm, from 31 points of it.
+    /// The maximum distance of the piece from the chord between two points, mm, at 31 points of the piece.
     #[must_use]
     pub fn chord_error(&self, a: [f64; 2], b: [f64; 2]) -> f64 {
         let at = |share: f64| [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
@@ -121,21 +121,21 @@ impl Piece {
     }
 }
 
-/// A program's motions by line, and where it ends.
+/// The motions of a program by line, and its end.
 #[derive(Clone, Debug)]
 pub struct Hole {
     /// The motions by line, counted from 1.
     pub pieces: BTreeMap<u32, Piece>,
-    /// Where the last one ends, mm.
+    /// End of the last motion, mm.
     pub end: Point,
 }
 
 impl Hole {
-    /// Reads a program that `evolvent bore` could have written: absolute coordinates in mm, G0 to G3 and
-    /// G2.2, G3.2 in the XY plane, I and J from the start.
+    /// Reads a program in the form that `evolvent bore` writes: absolute coordinates in mm, G0 to G3 and
+    /// G2.2, G3.2 in the XY plane, I and J relative to the start.
     ///
     /// # Panics
-    /// It is not such a program.
+    /// If it is not such a program.
     #[must_use]
     pub fn read(program: &str) -> Self {
         let mut at = [0.0; 3];
@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn a_point_moved_off_an_involute_along_its_normal_is_at_that_distance() {
-        // The involute of the unit circle at a quarter turn: (pi/2, 1), where it heads for +Y.
+        // The involute of the unit circle at a quarter turn: (pi/2, 1), heading for +Y.
         let involute = Piece::Involute {
             centre: [0.0; 2],
             radius: 1.0,

@@ -1,4 +1,4 @@
-//! A lathe beside simulated spindles, and whether what it cut is in phase.
+//! A lathe with simulated spindles, and the phase of its threads.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use evolvent_trace::{EventKind, TraceFile};
 
 use crate::{Domain, Drives, Finished, Launch, Workshop, cycles};
 
-/// Numbers in a trace of a sample of the spindle's angle, and of the setpoint that is due then.
+/// Numbers of inputs in a trace: a sample of the spindle angle, and the setpoint that is due then.
 const TURNS: u32 = 96;
 const CYCLE: u32 = 97;
 const Z: usize = 2;
@@ -47,8 +47,8 @@ impl Workshop {
         self.write("lathe.toml", format!("name = {name:?}{MACHINE}{spindles}"))
     }
 
-    /// Runs a program on a lathe beside simulated spindles, with options of `bridge sim`; what came of it,
-    /// and its trace.
+    /// Runs a program on a lathe with simulated spindles and options of `bridge sim`. Returns the result and
+    /// the trace.
     #[must_use]
     pub fn turn(&self, machine: &Path, program: &str, options: &[&str]) -> (Finished, PathBuf) {
         let domain = Domain::new();
@@ -63,10 +63,10 @@ impl Workshop {
     }
 }
 
-/// Samples of the encoder: the setpoint that was due then, with its fraction, and the turns.
+/// Samples of the encoder: the setpoint that is due then, with its fraction, and the turns.
 ///
 /// # Panics
-/// The trace cannot be read.
+/// If the trace cannot be read.
 #[must_use]
 pub fn angles(trace: &Path) -> Vec<(f64, f64)> {
     let mut file = TraceFile::open(trace).expect("a trace");
@@ -81,20 +81,20 @@ pub fn angles(trace: &Path) -> Vec<(f64, f64)> {
     samples
 }
 
-/// A pass of a thread, as the samples of the encoder show it.
+/// A pass of a thread, measured by the samples of the encoder.
 #[derive(Clone, Copy, Debug)]
 pub struct ThreadPass {
-    /// Largest distance between Z and the thread, mm.
+    /// Maximum distance of Z from the thread, mm.
     pub worst_mm: f64,
-    /// Samples that were compared.
+    /// Number of samples compared.
     pub samples: usize,
 }
 
-/// The passes towards negative Z of a thread that begins at `start` and a whole turn, between these places,
-/// mm.
+/// The passes towards negative Z of a thread that begins at `start` and a whole turn, between these
+/// positions, mm.
 ///
 /// # Panics
-/// The trace cannot be read, or has no cycles.
+/// If the trace cannot be read, or has no cycles.
 #[must_use]
 pub fn phases(trace: &Path, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Vec<ThreadPass> {
     let all = cycles(trace);

@@ -5,18 +5,18 @@ use std::process::{Child, Command, Stdio};
 
 use crate::{Domain, Finished, evolvent};
 
-/// An `evolvent run --json` in the making.
+/// A builder for `evolvent run --json`.
 #[derive(Debug)]
 pub struct Launch(Command);
 
 impl Launch {
-    /// As fast as it computes, without a bus and, unless told otherwise, a trace.
+    /// With the virtual clock, without a bus and, by default, without a trace.
     #[must_use]
     pub fn in_virtual_time(program: &Path, machine: &Path) -> Self {
         Self::new(program, machine).with(&["--clock", "virtual", "--no-bus"])
     }
 
-    /// In real time, on a bus of its own.
+    /// In real time, on a separate bus.
     #[must_use]
     pub fn in_real_time(program: &Path, machine: &Path, domain: &Domain) -> Self {
         Self::new(program, machine).with(&["--clock", "realtime", "--bus-prefix", &domain.prefix])
@@ -33,39 +33,39 @@ impl Launch {
         Self(command)
     }
 
-    /// More options.
+    /// Adds options.
     #[must_use]
     pub fn with(mut self, options: &[&str]) -> Self {
         self.0.args(options);
         self
     }
 
-    /// Records it.
+    /// Records to a file.
     #[must_use]
     pub fn trace(mut self, file: &Path) -> Self {
         self.0.arg("--trace").arg(file);
         self
     }
 
-    /// Does not record it.
+    /// Does not record.
     #[must_use]
     pub fn no_trace(self) -> Self {
         self.with(&["--no-trace"])
     }
 
-    /// Runs it to its end.
+    /// Runs to the end.
     ///
     /// # Panics
-    /// It cannot be started.
+    /// If it cannot be started.
     #[must_use]
     pub fn finish(mut self) -> Finished {
         self.0.output().expect("the binary to start").into()
     }
 
-    /// Starts it.
+    /// Starts the run.
     ///
     /// # Panics
-    /// It cannot be started.
+    /// If it cannot be started.
     #[must_use]
     pub fn start(mut self) -> Child {
         self.0
@@ -75,10 +75,10 @@ impl Launch {
             .expect("the binary to start")
     }
 
-    /// Starts it in a shell after a command of that shell.
+    /// Starts the run in a shell, after a command of that shell, and waits for its end.
     ///
     /// # Panics
-    /// It cannot be started.
+    /// If it cannot be started.
     #[must_use]
     pub fn finish_after(self, shell_command: &str) -> Finished {
         let mut shell = Command::new("bash");

@@ -1,27 +1,25 @@
 //! Tests across crates and with foreign clients: Evolvent as its users see it.
 //!
-//! The tests stand in the `tests` folder beside this one and drive the binary. What they share is here:
+//! The tests are in the `tests` folder beside this one and drive the binary. They share:
 //!
-//! - [`evolvent`], [`run`] and [`Finished`]: the binary under test, and what one command came to;
+//! - [`evolvent`], [`run`] and [`Finished`]: the binary under test, and the result of one command;
 //! - [`Launch`]: one `evolvent run`;
-//! - [`Served`] and [`Operator`]: an `evolvent serve`, and a client that commands it and looks on;
-//! - [`Scene`]: a mill that is served, with all that belongs to it;
-//! - [`Drives`]: simulated drives in a process of their own; [`HardwareBridge`]: a bridge to hardware in one;
-//!   [`Simulator`]: a simulator of hardware in one;
-//! - [`Lathe`]: a lathe behind a bridge to hardware, [`MesaLathe`], [`RingLathe`] or [`ShippedLathe`];
-//! - [`Domain`]: a corner of shared memory of one's own, swept and checked at the end;
-//! - [`hold_to_the_suite`]: the conformance suite over a bridge; [`c_example`]: the examples in C;
-//! - [`unless_disturbed`] and [`where_undisturbed`]: a trial of real time, played again where the host kept
-//!   its processes from running;
-//! - [`Workshop`]: a folder of one's own with machine files and programs made for one test;
-//! - [`cycles`]: what a trace recorded, [`verifies`] that it computes again, [`phases`] whether threads are
-//!   in phase;
-//! - [`Hole`]: exact involutes and circles of a program, by formulas of their own and not the crates under
-//!   test;
-//! - [`Random`]: random numbers that tell their seed.
+//! - [`Served`] and [`Operator`]: an `evolvent serve`, and a client that commands and observes it;
+//! - [`Scene`]: a served mill with its folder and domain;
+//! - [`Drives`]: simulated drives; [`HardwareBridge`]: a hardware bridge; [`Simulator`]: a simulator of
+//!   hardware; each in its own process;
+//! - [`Lathe`]: a lathe on a hardware bridge, [`MesaLathe`], [`RingLathe`] or [`ShippedLathe`];
+//! - [`Domain`]: a separate domain of shared memory, cleaned and checked at the end;
+//! - [`hold_to_the_suite`]: the conformance suite for a bridge; [`c_example`]: the examples in C;
+//! - [`unless_disturbed`] and [`where_undisturbed`]: a real-time trial that is repeated if the host suspended
+//!   its processes;
+//! - [`Workshop`]: a temporary folder with machine files and programs for one test;
+//! - [`cycles`]: the cycles of a trace; [`verifies`]: recomputes a trace; [`phases`]: the phase of threads;
+//! - [`Hole`]: exact involutes and circles of a program, by formulas independent of the crates under test;
+//! - [`Random`]: random numbers that report their seed.
 //!
 //! Foreign clients are Python scripts in `python`, run by the interpreter that `EVOLVENT_PYTHON` names;
-//! `tools/test` makes one.
+//! `tools/test` sets it up.
 #![expect(
     clippy::expect_used,
     clippy::panic,

@@ -9,15 +9,14 @@ use evolvent_bus::MachineOutputs;
 
 use crate::Domain;
 
-/// Every message of outputs on the bus, from somebody who is no bridge. It subscribes to setpoints as well,
-/// after the outputs: a core that waits for one client more than its bridges sends no change before the
-/// listener hears it.
+/// Receives every message of outputs on the bus, without being a bridge. It also subscribes to setpoints,
+/// after the outputs: a core that waits for one client more than its bridges then sends no change before the
+/// listener receives it.
 #[derive(Debug)]
 pub struct OutputListener {
     heard: Arc<Mutex<Vec<MachineOutputs>>>,
     over: Arc<AtomicBool>,
-    /// How often somebody asked, and the last of these questions before the thread last read the bus to its
-    /// end.
+    /// Number of requests by callers, and the last request before the thread last read the bus to its end.
     asked: Arc<AtomicU64>,
     answered: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
@@ -59,10 +58,10 @@ impl OutputListener {
         }
     }
 
-    /// Whatever was sent before this call.
+    /// All messages sent before this call.
     ///
     /// # Panics
-    /// The listener has not read the bus within a minute: no core came, or the thread has failed.
+    /// If the listener has not read the bus within a minute: no core started, or the thread has failed.
     #[must_use]
     pub fn messages(&self) -> Vec<MachineOutputs> {
         let question = self.asked.fetch_add(1, Ordering::AcqRel) + 1;

@@ -4,7 +4,7 @@ use std::process::{Command, Stdio};
 
 use crate::repository;
 
-/// A script of `tests/python`, ready to start; none where no Python was prepared, which is said.
+/// A script of `tests/python`, ready to start. `None` if no Python is set up, which is printed.
 #[must_use]
 pub fn python(script: &str) -> Option<Command> {
     let Some(interpreter) = std::env::var_os("EVOLVENT_PYTHON") else {

@@ -1,4 +1,4 @@
-//! A machine that is served, and operators of it.
+//! A served machine and its operators.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -15,13 +15,13 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::{Domain, Finished, evolvent};
 use evolvent_disturbance::tell_pause;
 
-/// How long anything may take, on a host that is busy or stands still for seconds.
+/// Time within which anything has to happen, on a host that is busy or stands still for seconds.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(120);
 
-/// A subscriber's queue.
+/// Duration that the queue of a subscriber holds.
 const QUEUE_NS: u64 = 1_000_000_000;
 
-/// An `evolvent serve` at work. Ends, killed if need be, when it is dropped.
+/// A running `evolvent serve`. Ended, if necessary killed, on drop.
 #[derive(Debug)]
 pub struct Served {
     child: Option<Child>,
@@ -30,10 +30,10 @@ pub struct Served {
 }
 
 impl Served {
-    /// Starts it; its state is kept in `state`. It records nothing unless an option says where to.
+    /// Starts it; its state is kept in `state`. It records nothing unless an option names a file.
     ///
     /// # Panics
-    /// It cannot be started.
+    /// If it cannot be started.
     #[must_use]
     pub fn start(machine: &Path, name: &str, domain: &Domain, state: &Path, options: &[&str]) -> Self {
         let records = options.iter().any(|option| option.starts_with("--trace"));
@@ -56,10 +56,10 @@ impl Served {
         }
     }
 
-    /// Asks it to end, as a service manager does, and waits.
+    /// Ends it as a service manager does, and waits.
     ///
     /// # Panics
-    /// It does not end.
+    /// If it does not end.
     #[must_use]
     pub fn end(self) -> Finished {
         self.signal(Signal::TERM);
@@ -69,7 +69,7 @@ impl Served {
     /// Waits for its end.
     ///
     /// # Panics
-    /// It cannot be waited for.
+    /// If waiting fails.
     #[must_use]
     pub fn wait(mut self) -> Finished {
         crate::wait(self.child.take().expect("a child"))
@@ -78,18 +78,17 @@ impl Served {
     /// Kills it.
     ///
     /// # Panics
-    /// It cannot be waited for.
+    /// If waiting fails.
     pub fn kill(mut self) {
         let mut child = self.child.take().expect("a child");
         child.kill().expect("killed");
         child.wait().expect("a process that ends");
     }
 
-    /// The addresses of its screen: for who commands and for who watches. What it writes afterwards is read
-    /// and dropped.
+    /// The addresses of its screen: for commands and for viewing. Later output is read and dropped.
     ///
     /// # Panics
-    /// It ends before it says them.
+    /// If it ends before it prints them.
     #[must_use]
     pub fn screen(&mut self) -> [String; 2] {
         let child = self.child.as_mut().expect("a child");
@@ -106,10 +105,10 @@ impl Served {
         found
     }
 
-    /// Its process.
+    /// Its process id.
     ///
     /// # Panics
-    /// It has gone.
+    /// If it has ended.
     #[must_use]
     pub fn process(&self) -> u32 {
         self.child.as_ref().expect("a child").id()
@@ -118,7 +117,7 @@ impl Served {
     /// Sends a signal.
     ///
     /// # Panics
-    /// It has gone.
+    /// If it has ended.
     pub fn signal(&self, signal: Signal) {
         let child = self.child.as_ref().expect("a child");
         let pid = Pid::from_raw(child.id().cast_signed()).expect("a process");
@@ -135,7 +134,7 @@ impl Drop for Served {
     }
 }
 
-/// A client that commands and looks on.
+/// A client that commands and observes.
 #[derive(Debug)]
 pub struct Operator {
     /// The control service.
@@ -146,10 +145,10 @@ pub struct Operator {
     _bus: ClientBus,
 }
 
-/// The number of a command by its name on the bus.
+/// A request for the command with this name on the bus.
 ///
 /// # Panics
-/// There is no such command.
+/// If there is no such command.
 #[must_use]
 pub fn command(name: &str) -> ControlRequest {
     let found = COMMANDS.iter().find(|(known, _)| *known == name);
@@ -160,10 +159,10 @@ pub fn command(name: &str) -> ControlRequest {
 }
 
 impl Operator {
-    /// Joins, waiting for the core.
+    /// Joins; waits for the core.
     ///
     /// # Panics
-    /// The core does not come.
+    /// If the core does not start.
     #[must_use]
     pub fn join(name: &str, domain: &Domain) -> Self {
         let bus = domain.client(name);
@@ -180,10 +179,10 @@ impl Operator {
         }
     }
 
-    /// Sends a command and gives the answer.
+    /// Sends a command and returns the reply.
     ///
     /// # Panics
-    /// There is none.
+    /// If there is none.
     pub fn ask(&mut self, request: &ControlRequest) -> ControlAnswer {
         self.control
             .command(request, PATIENCE)
@@ -193,7 +192,7 @@ impl Operator {
     /// Sends a command that must be accepted.
     ///
     /// # Panics
-    /// It is not.
+    /// If it is not.
     #[track_caller]
     pub fn does(&mut self, request: &ControlRequest) -> ControlAnswer {
         let answer = self.ask(request);
@@ -201,13 +200,13 @@ impl Operator {
         answer
     }
 
-    /// The same by name, without arguments.
+    /// As [`Operator::does`], by name and without arguments.
     #[track_caller]
     pub fn says(&mut self, name: &str) -> ControlAnswer {
         self.does(&command(name))
     }
 
-    /// The same with a whole number.
+    /// As [`Operator::says`], with a whole number.
     #[track_caller]
     pub fn says_number(&mut self, name: &str, index: u32) -> ControlAnswer {
         self.does(&ControlRequest {
@@ -216,10 +215,10 @@ impl Operator {
         })
     }
 
-    /// The same with a text.
+    /// As [`Operator::says`], with a text.
     ///
     /// # Panics
-    /// It is too long, or the command is not accepted.
+    /// If the text is too long, or the command is not accepted.
     #[track_caller]
     pub fn says_text(&mut self, name: &str, text: &str) -> ControlAnswer {
         let mut request = command(name);
@@ -227,10 +226,10 @@ impl Operator {
         self.does(&request)
     }
 
-    /// Waits for a status of which something is true.
+    /// Waits for a status that meets a condition.
     ///
     /// # Panics
-    /// It does not come.
+    /// If there is none in time.
     #[track_caller]
     pub fn waits(&mut self, what: &str, mut until: impl FnMut(&Status) -> bool) -> Status {
         let begin = Instant::now();
@@ -238,7 +237,7 @@ impl Operator {
             let status = self.status.latest().expect("the status");
             if let Some(status) = &status {
                 tell_pause(status.wake_lateness_max_ns);
-                // Without drives there is none.
+                // Without drives there is no feedback.
                 if status.feedback_age_ns < u64::MAX {
                     tell_pause(status.feedback_age_ns);
                 }
@@ -257,14 +256,14 @@ impl Operator {
         }
     }
 
-    /// The status after all that has been answered so far.
+    /// The status after all commands that have been replied to.
     #[track_caller]
     pub fn now(&mut self) -> Status {
         let asked_ns = MonotonicClock::now_ns();
         self.waits("a newer status", |status| status.time_ns > asked_ns)
     }
 
-    /// Out of emergency stop, and on.
+    /// Leaves the emergency stop and switches on.
     #[track_caller]
     pub fn brings_up(&mut self) {
         self.says("ESTOP_RESET");
@@ -272,7 +271,7 @@ impl Operator {
         self.waits("power", |status| status.machine_state == 2);
     }
 
-    /// Homes all axes, in manual mode; the status at the end.
+    /// Homes all axes in manual mode; returns the status at the end.
     #[track_caller]
     pub fn homes(&mut self) -> Status {
         self.says_number("MODE", 1);
@@ -280,10 +279,10 @@ impl Operator {
         self.sees_end(job)
     }
 
-    /// Reads setpoints until one of which something is true; every one is handed to `see`.
+    /// Reads setpoints until one meets a condition; passes every one to `see`.
     ///
     /// # Panics
-    /// It does not come.
+    /// If there is none in time.
     #[track_caller]
     pub fn follows(&mut self, mut see: impl FnMut(&Setpoint), until: impl Fn(&Setpoint) -> bool) -> Setpoint {
         let begin = Instant::now();
@@ -301,7 +300,7 @@ impl Operator {
         }
     }
 
-    /// Waits for the end of a job; its result.
+    /// Waits for the end of a job; returns the status with its result.
     #[track_caller]
     pub fn sees_end(&mut self, job: u64) -> Status {
         self.waits("the job's end", |status| {
@@ -310,8 +309,8 @@ impl Operator {
     }
 }
 
-/// Whether a setpoint was received so long after it was due that those before it may be gone: a subscriber's
-/// queue holds a second.
+/// Whether a setpoint was received so late that earlier ones may be lost: the queue of a subscriber holds one
+/// second.
 #[must_use]
 pub fn is_behind(setpoint: &Setpoint) -> bool {
     MonotonicClock::now_ns().saturating_sub(setpoint.due_time_ns) > QUEUE_NS / 2

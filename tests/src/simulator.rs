@@ -1,4 +1,4 @@
-//! A simulator of hardware in a process of its own.
+//! A simulator of hardware in its own process.
 
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -6,16 +6,16 @@ use std::process::{Child, Command, Stdio};
 use crate::binary::build_program;
 use crate::repository;
 
-/// `ethercat-ring` or `mesa-board` in a process, as started by hand. Killed when it is dropped.
+/// `ethercat-ring` or `mesa-board` in a process, as started by hand. Killed on drop.
 #[derive(Debug)]
 pub struct Simulator(Child);
 
 impl Simulator {
-    /// Starts it. The binary is brought up to date first, in the target folder and profile of the running
-    /// test; unless it is beside the one that the environment variable `EVOLVENT_BINARY` names.
+    /// Starts it. The binary is first brought up to date in the target folder and profile of the running
+    /// test, unless it is beside the one that the environment variable `EVOLVENT_BINARY` names.
     ///
     /// # Panics
-    /// It cannot be built or started.
+    /// If it cannot be built or started.
     #[must_use]
     pub fn start(name: &str, arguments: &[&str]) -> Self {
         let child = Command::new(binary(name))
@@ -29,10 +29,10 @@ impl Simulator {
         Self(child)
     }
 
-    /// Kills it (SIGKILL), as a crash or a loss of supply ends it.
+    /// Kills it (SIGKILL), as a crash or a loss of power does.
     ///
     /// # Panics
-    /// It has gone already, by itself.
+    /// If it has ended already.
     pub fn kill(mut self) {
         assert!(
             matches!(self.0.try_wait(), Ok(None)),

@@ -1,4 +1,4 @@
-//! What a trace recorded.
+//! The contents of a trace.
 
 use std::path::Path;
 
@@ -11,16 +11,16 @@ use crate::{Finished, evolvent};
 /// One cycle of a trace.
 pub type Cycle = evolvent_trace::CycleRecord;
 
-/// Every cycle of a trace; it must be complete and without a gap.
+/// Every cycle of a trace, which must be complete and without a gap.
 ///
 /// # Panics
-/// It is not.
+/// If it is not.
 #[must_use]
 #[track_caller]
 pub fn cycles(trace: &Path) -> Vec<Cycle> {
     let mut file = TraceFile::open(trace).expect("a complete trace");
-    // What the core itself counts as lost met a full queue: the recorder was kept from writing for at least a
-    // period each. A gap that the core does not know of is a defect.
+    // Records that the core counts as lost met a full queue: the recorder could not write for at least one
+    // period each. A gap that the core does not count is a defect.
     let lost = file.info().summary_number("dropped_records").unwrap_or(0.0);
     tell_pause(lost as u64 * 1_000_000);
     let found: Vec<Cycle> = file
@@ -40,10 +40,10 @@ pub fn cycles(trace: &Path) -> Vec<Cycle> {
     found
 }
 
-/// `trace verify` computes the same setpoints.
+/// Asserts that `trace verify` computes the same setpoints.
 ///
 /// # Panics
-/// It does not.
+/// If it does not.
 #[track_caller]
 pub fn verifies(trace: &Path) {
     let output = evolvent().args(["trace", "verify"]).arg(trace).output();

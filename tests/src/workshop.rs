@@ -1,11 +1,11 @@
-//! A folder of one's own with machine files and programs made for one test.
+//! A temporary folder with machine files and programs for one test.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 
-/// The repository's folder.
+/// The folder of the repository.
 #[must_use]
 pub fn repository() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -13,7 +13,7 @@ pub fn repository() -> &'static Path {
         .unwrap_or(Path::new("."))
 }
 
-/// Every kind of curve, blends, exact path and a dwell in two seconds; it begins and ends at zero in X and Y.
+/// Every kind of curve, blends, exact path and a dwell in two seconds; begins and ends at zero in X and Y.
 const SHORT: &str = "\
 (lines, arcs, blends, a dwell and an involute)
 G17 G21 G90 G94 G64 P0.01
@@ -34,7 +34,7 @@ G0 X0 Y0
 M30
 ";
 
-/// For a machine file: homing of Z and then X, with the switches where the simulated drives have theirs.
+/// For a machine file: homing of Z and then X, with the switch positions of the simulated drives.
 pub const HOMING: &str = "
 [[homing]]
 axis = \"Z\"
@@ -53,15 +53,15 @@ latch_mm_s = 5
 switch_mm = -384
 ";
 
-/// A folder that is gone at the end.
+/// A folder that is removed on drop.
 #[derive(Debug)]
 pub struct Workshop(TempDir);
 
 impl Workshop {
-    /// An empty one.
+    /// An empty folder.
     ///
     /// # Panics
-    /// The system gives no temporary folder.
+    /// If the system has no temporary folder.
     #[must_use]
     #[expect(clippy::new_without_default, reason = "two of them are never equal")]
     pub fn new() -> Self {
@@ -79,7 +79,7 @@ impl Workshop {
         self.0.path()
     }
 
-    /// A place in it.
+    /// A path in it.
     #[must_use]
     pub fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
@@ -88,7 +88,7 @@ impl Workshop {
     /// Names of all files in it, sorted.
     ///
     /// # Panics
-    /// The folder cannot be read.
+    /// If the folder cannot be read.
     #[must_use]
     pub fn files(&self) -> Vec<String> {
         let entries = fs::read_dir(self.0.path()).expect("the folder");
@@ -100,10 +100,10 @@ impl Workshop {
         names
     }
 
-    /// A file in it.
+    /// Writes a file in it.
     ///
     /// # Panics
-    /// It cannot be written.
+    /// If it cannot be written.
     #[must_use]
     pub fn write(&self, name: &str, text: impl AsRef<[u8]>) -> PathBuf {
         let path = self.path(name);
@@ -117,7 +117,7 @@ impl Workshop {
         self.write("short.ngc", SHORT)
     }
 
-    /// A program that mills along a line for so many seconds.
+    /// A program that mills along a line for this number of seconds.
     #[must_use]
     pub fn long_program(&self, seconds: u32) -> PathBuf {
         let there_and_back = "G1 X100 Y50\nG1 X-100 Y-50\n".repeat(1 + seconds as usize / 4);
@@ -127,11 +127,11 @@ impl Workshop {
         )
     }
 
-    /// The shipped three-axis mill under a name of its own, with pieces of its text replaced. It is never
-    /// stopped for lateness: tests run on machines that are busy.
+    /// The shipped three-axis mill with another name and pieces of its text replaced. It is never stopped for
+    /// lateness, because tests run on busy machines.
     ///
     /// # Panics
-    /// A piece is not in the text.
+    /// If a piece is not in the text.
     #[must_use]
     pub fn mill(&self, name: &str, changes: &[(&str, &str)]) -> PathBuf {
         let shipped = repository().join("config/machines/mill-3axis.toml");

@@ -1,4 +1,4 @@
-//! Bad input by the hundred: always an error with a place and never a panic; and what is accepted runs within
+//! Bad input in large numbers: always an error with a position and never a panic; accepted input runs within
 //! limits.
 #![expect(clippy::expect_used, reason = "helpers of tests fail and talk as tests do")]
 
@@ -19,10 +19,10 @@ const PROGRAMS: [&str; 6] = [
     "pocket-helix",
     "relief",
 ];
-/// Mutated programs that are checked, and how many of them are run as well.
+/// Number of mutated programs to check, and of those to run as well.
 const MUTANTS: usize = 1500;
 const RUNS: usize = 150;
-/// A run is stopped here: a mutated feed may make it last for days.
+/// Limit of a run: a mutated feed may make it last for days.
 const MAX_CYCLES: u64 = 100_000;
 
 fn setup() -> Setup {
@@ -36,7 +36,7 @@ fn program(name: &str) -> Vec<u8> {
     fs::read(repository().join(format!("tests/programs/{name}.ngc"))).expect("a program")
 }
 
-/// Checks a program and the places of its errors.
+/// Checks a program and the positions of its errors.
 #[track_caller]
 fn errors(file: &Path, text: &[u8], setup: &Setup) -> Vec<Diagnostic> {
     fs::write(file, text).expect("a file");
@@ -57,8 +57,8 @@ fn errors(file: &Path, text: &[u8], setup: &Setup) -> Vec<Diagnostic> {
             "{error}: {columns} columns"
         );
         assert!(!error.message.is_empty());
-        // Of a long line only a piece is shown, and odd bytes are shown otherwise: then the column is that of
-        // the picture.
+        // Only a piece of a long line is shown, and unusual bytes are replaced: the column then refers to the
+        // text shown.
         let plain =
             lines[line - 1].len() < 80 && lines[line - 1].iter().all(|byte| (b' '..=b'~').contains(byte));
         let column = if plain {
@@ -88,7 +88,7 @@ fn programs_cut_off_anywhere_are_refused_with_a_place_or_harmless() {
     assert!(refused > 100, "only {refused} refused");
 }
 
-/// Replaces, inserts, deletes or doubles something.
+/// Replaces, inserts, deletes or duplicates a piece.
 fn mutate(text: &mut Vec<u8>, random: &mut Random) {
     const WORDS: [&str; 40] = [
         "NaN",
@@ -164,8 +164,7 @@ impl RunObserver for Silent {
     fn note(&mut self, _: &str) {}
 }
 
-/// Runs a program in virtual time; whatever it is, the guard has nothing to refuse and the axes keep their
-/// limits.
+/// Runs any program with the virtual clock: the guard must reject nothing and the axes keep their limits.
 fn assert_runs_within_limits(file: &Path, setup: &Setup) -> &'static str {
     let job = Job::new(file.to_owned(), setup.clone());
     let controls = Arc::new(Controls::new(1.0));
@@ -196,7 +195,7 @@ fn assert_runs_within_limits(file: &Path, setup: &Setup) -> &'static str {
     summary.outcome.name()
 }
 
-/// The mutants of a failing run are found again with the seed that is printed.
+/// The printed seed reproduces the mutants of a failing run.
 #[test]
 fn mutated_programs_are_refused_with_a_place_or_run_within_limits() {
     let mut random = Random::new();
@@ -206,7 +205,7 @@ fn mutated_programs_are_refused_with_a_place_or_run_within_limits() {
     let (mut refused, mut runs) = (0, 0);
     for mutant in 0..MUTANTS {
         let mut text = random.one_of(&whole).clone();
-        // Long programs are shortened: most of their lines say the same.
+        // Long programs are shortened: most of their lines are alike.
         text.truncate(6000);
         for _ in 0..=random.below(3) {
             mutate(&mut text, &mut random);
@@ -216,7 +215,7 @@ fn mutated_programs_are_refused_with_a_place_or_run_within_limits() {
         if mutant % (MUTANTS / RUNS) == 0 {
             let outcome = assert_runs_within_limits(&file, &setup);
             let fits = match outcome {
-                // What stands behind the program's end is checked, but not run.
+                // Text after the end of the program is checked, but not run.
                 "done" | "stopped" => true,
                 "failed" => is_refused,
                 _ => false,
@@ -229,7 +228,7 @@ fn mutated_programs_are_refused_with_a_place_or_run_within_limits() {
     assert!((MUTANTS / 10..MUTANTS).contains(&refused), "{refused} refused");
 }
 
-/// Each with what its error must say.
+/// Each with a part of its error message.
 #[test]
 fn nonsense_is_refused_by_name() {
     let (setup, workshop) = (setup(), Workshop::new());
@@ -278,7 +277,7 @@ fn nonsense_is_refused_by_name() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Through the binary: exit code 1 where the program is wrong, and the place as `file:line:column`.
+/// Through the binary: exit code 1 if the program is wrong, and the position as `file:line:column`.
 #[test]
 fn the_binary_names_file_line_and_column_and_ends_with_1() {
     let workshop = Workshop::new();
@@ -304,7 +303,7 @@ fn the_binary_names_file_line_and_column_and_ends_with_1() {
             finished.err
         );
     }
-    // What stands before the error is run, to rest.
+    // Everything before the error is run, to rest.
     let plan = run(["plan", &path, "--json"].iter().chain(&machine)).expect_code(&[1]);
     assert_eq!(plan.json()["end_position"][0], 10.0);
 }
@@ -333,7 +332,7 @@ fn programs_that_cannot_be_read_are_wrong_usage() {
     }
 }
 
-/// Each change with what the error must name: the key, and where it is in the file.
+/// Each change with the key that the error must name and its position in the file.
 #[test]
 fn machine_files_that_make_no_sense_are_refused_with_file_line_and_key() {
     let changes = [

@@ -1,5 +1,5 @@
-//! Drive bridges: the simulated one, the one within a process, and the examples in C and Python, all held to
-//! one suite.
+//! Drive bridges: the simulated one, the one inside a process, and the examples in C and Python, all tested
+//! by one suite.
 
 use std::fs::read_to_string;
 use std::io::Read;
@@ -14,7 +14,7 @@ use evolvent_tests::{
 };
 use serde_json::Value;
 
-/// Names of the cases of this verdict, sorted.
+/// Names of the cases with this verdict, sorted.
 fn verdicts<'a>(cases: &'a [Value], verdict: &str) -> Vec<&'a str> {
     let mut names: Vec<&str> = cases
         .iter()
@@ -25,16 +25,16 @@ fn verdicts<'a>(cases: &'a [Value], verdict: &str) -> Vec<&'a str> {
     names
 }
 
-/// Number of cases that passed, or that a busy host kept from being measured, which the suite said.
+/// Number of cases that passed, or that the suite reported as not measured because the host was busy.
 fn passed(cases: &[Value]) -> usize {
     verdicts(cases, "passed").len() + verdicts(cases, "not measured").len()
 }
 
-/// The demands on outputs and inputs, for bridges that are wired as the suite asks.
+/// Requirements on outputs and inputs, for bridges that are wired as the suite requires.
 const SIGNALS: [&str; 3] = ["inputs", "output_due", "output_safe"];
-/// Whose drives come into no fault by themselves.
+/// For bridges whose drives do not come into fault on their own.
 const OF_FAULTS: &str = "new_core_reset";
-/// These and those on a probe and a spindle.
+/// These, and those for a probe and a spindle.
 const LEFT_OUT: [&str; 7] = [
     SIGNALS[0],
     OF_FAULTS,
@@ -53,7 +53,7 @@ fn the_simulated_bridge_does_what_every_bridge_must() {
     assert_eq!(cases.len(), 29, "each case once: {cases:?}");
 }
 
-/// The suite kills a bridge whose drives come into fault each time.
+/// The suite kills a bridge whose drives then come into fault.
 #[test]
 fn no_counter_of_a_new_core_resets_a_fault_of_the_simulated_drives() {
     let program = evolvent().get_program().to_string_lossy().into_owned();
@@ -91,7 +91,7 @@ fn so_does_the_example_in_c() {
     assert_eq!(verdicts(&cases, "left out"), LEFT_OUT, "{cases:?}");
 }
 
-/// Needs EVOLVENT_PYTHON, as all foreign clients do.
+/// Needs EVOLVENT_PYTHON, like all foreign clients.
 #[test]
 fn so_does_the_example_in_python() {
     let Ok(python) = std::env::var("EVOLVENT_PYTHON") else {
@@ -118,8 +118,8 @@ fn each_example_is_shorter_than_60_lines() {
     }
 }
 
-/// The bridge to EtherCAT drives in a process that is killed: without frames its drives are in fault (7500h)
-/// until the next core resets them. Needs the right to make a network namespace.
+/// The EtherCAT bridge in a process that is killed: without frames its drives are in fault (7500h) until the
+/// next core resets them. Needs the right to create a network namespace.
 #[test]
 fn the_ethercat_bridge_may_be_killed_and_so_may_its_core() {
     let devices = || {
@@ -165,12 +165,12 @@ fn the_ethercat_bridge_may_be_killed_and_so_may_its_core() {
     }
 }
 
-/// The end of a suite is that of its bridge too, which would keep the bus.
+/// A suite that ends must also end its bridge, which would otherwise keep the bus.
 #[test]
 fn a_signal_to_the_suite_ends_the_bridge_that_it_has_started() {
     let workshop = Workshop::new();
     let note = workshop.folder().join("bridge.pid");
-    // The shell becomes the bridge: its number is the bridge's.
+    // The shell becomes the bridge, with the same process id.
     let script = format!("echo $$ > {}; exec sleep 60", note.display());
     let mut suite = evolvent()
         .args(["bridge", "test", "--only", "version", "--", "sh", "-c", &script])
@@ -211,7 +211,7 @@ fn a_signal_to_the_suite_ends_the_bridge_that_it_has_started() {
     assert!(said.contains("stopped by a signal"), "{said}");
 }
 
-/// A script that tries a network for some seconds asks the exit code.
+/// A script that retries a network for some seconds reads the exit code.
 #[test]
 fn a_network_that_did_not_come_up_is_no_success() {
     let machine = repository()
@@ -222,7 +222,7 @@ fn a_network_that_did_not_come_up_is_no_success() {
         .join("config/networks/sim-mill.toml")
         .display()
         .to_string();
-    // Nobody is at the other end of the cable.
+    // No device is at the other end of the cable.
     on_bench(Vec::new(), move |_ring| {
         let domain = Domain::new();
         let finished = |has_core: bool, seconds: &str| {
@@ -247,7 +247,7 @@ fn a_network_that_did_not_come_up_is_no_success() {
             said.contains("the network did not come up within 3 s: no core was there"),
             "{said}"
         );
-        // A busy host may need longer to find the core and to look for devices.
+        // A busy host may need longer to find the core and to search for devices.
         let mut said = String::new();
         for seconds in ["3", "10", "30"] {
             let code;
@@ -263,7 +263,7 @@ fn a_network_that_did_not_come_up_is_no_success() {
     });
 }
 
-/// A suite that finds nothing wrong with anybody proves nothing: a bridge that answers nothing fails it.
+/// A suite that accepts everything proves nothing: a bridge that replies nothing fails it.
 #[test]
 fn a_bridge_that_does_nothing_fails() {
     let output = evolvent()
@@ -279,7 +279,8 @@ fn a_bridge_that_does_nothing_fails() {
     assert!(why.contains("feedback of a bridge: not within 15 s"), "{why}");
 }
 
-/// systemd itself reads the units, where it is there; the program's path is put in as the host has it.
+/// systemd itself checks the units, if it is installed; the path of the program is replaced by that of the
+/// host.
 #[test]
 fn systemd_finds_nothing_wrong_with_the_units() {
     let workshop = Workshop::new();

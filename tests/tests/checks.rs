@@ -1,4 +1,4 @@
-//! What `check`, `plan` and `run` say of a program before anything moves.
+//! What `check`, `plan` and `run` report about a program before any motion.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::Path;
@@ -83,7 +83,7 @@ fn what_the_machine_refuses_names_the_whole_chain_of_calls() {
 fn one_mistake_is_one_error_and_nothing_follows_from_it() {
     let workshop = Workshop::new();
     for (text, expected) in [
-        // The mode stays as it was: what follows goes by G97.
+        // The mode does not change: later lines use G97.
         ("G96 M3\nG97 S100\nG0 X1\nM5\nM3\nM2\n", &[("G0411", 1)][..]),
         (
             "G21 F100
@@ -94,7 +94,7 @@ M2
 ",
             &[("G0803", 2), ("G0803", 4)],
         ),
-        // Back from where a refused move was to lead.
+        // Back from the target of a rejected move.
         (
             "G0 X5000\nG0 X1\nG0 X5000\nX6000\nM2\n",
             &[("G0801", 1), ("G0801", 3), ("G0801", 4)],
@@ -184,7 +184,7 @@ fn lines_with_a_slash_run_unless_they_are_switched_off() {
     }
 }
 
-/// A mill with a probe, and how it checks a program.
+/// A mill with a probe, and its check of a program.
 fn check_with_probe(text: &str) -> Value {
     let workshop = Workshop::new();
     let mill = std::fs::read_to_string(repository().join("config/machines/mill-3axis.toml"))
@@ -201,12 +201,12 @@ fn what_depends_on_an_unknown_contact_is_a_warning() {
         let each = |warning: &Value| warning["line"].as_u64().expect("a line");
         list.iter().map(each).collect::<Vec<_>>()
     };
-    // The usual test, which a program without contact would not pass.
+    // The usual test, which a program without a contact would not pass.
     let idiom =
         "G21 G90 G17\nF100\nG38.3 Z-5\no1 if [#5070 EQ 0]\n(ABORT, no contact)\no1 endif\nG91 G0 Z2\nM2\n";
     let all = check_with_probe(idiom);
     assert_eq!((errors(&all), lines(&all)), (vec![], vec![3]), "{all}");
-    // Where the probe stops is unknown, so the end of the travel may not be reached.
+    // The stopping position of the probe is unknown, so the end of the travel may not be reached.
     let far = "G21 G90 G17\nF100\nG91 G38.2 X-380\nG0 X5\nG0 X-30\nG90 X0\nX-500\nM2\n";
     let all = check_with_probe(far);
     assert_eq!(
@@ -220,7 +220,7 @@ fn what_depends_on_an_unknown_contact_is_a_warning() {
             .is_some_and(|text| text.starts_with("no contact is known: axis X")),
         "{all}"
     );
-    // Set to zero at the contact, the part is somewhere.
+    // Set to zero at the contact, the position of the part is unknown.
     let zero = "G21 G90 G17\nF100\nG38.2 X-390\nG10 L20 P1 X0\nG0 X-30\nG53 G0 X-401\nM2\n";
     let all = check_with_probe(zero);
     assert_eq!(
@@ -237,12 +237,12 @@ fn what_depends_on_an_unknown_contact_is_a_warning() {
 fn a_move_beyond_the_travel_that_follows_from_a_refused_line_is_not_told() {
     let workshop = Workshop::new();
     for (text, expected) in [
-        // The line back is refused.
+        // The move back is rejected.
         (
             "G21 G90\nG0 X390\nG0 X-390 Q5\nG91 G0 X20\nM2\n",
             vec![("G0307", 3)],
         ),
-        // So is the line that selects increments.
+        // So is the line that selects incremental mode.
         ("G21 G90\nG0 X390\nG91 Q5\nG0 X-410\nM2\n", vec![("G0307", 3)]),
         // A parameter was not set.
         ("G21 G90\n#1=5 Q5\nG0 X[10000/[#1+1]]\nM2\n", vec![("G0307", 2)]),
@@ -284,7 +284,7 @@ fn a_dwell_that_is_meant_in_milliseconds_is_a_warning() {
     );
 }
 
-/// The cycles that are shipped, and those of LinuxCNC's users, test a contact in both directions.
+/// The shipped cycles, and those of LinuxCNC's users, test a contact in both directions.
 #[test]
 fn moves_after_a_test_of_the_contact_are_checked() {
     let workshop = Workshop::new();
@@ -300,7 +300,7 @@ fn moves_after_a_test_of_the_contact_are_checked() {
         "G38.3 Z-20 F100\no100 if [#5070 EQ 1]\n(ABORT, the tool touches the part: G49 or G10)\no100 endif\n",
         "G38.3 Z-20 F100\no100 if [#5070 EQ 1]\nM2\no100 endif\n",
         "G38.2 Z-20 F100\no100 if [#5063 LT -15]\n(MSG, too deep)\nM30\no100 endif\n",
-        // A guard with lengths, as measuring macros of LinuxCNC's forum have it.
+        // A guard with lengths, as in measuring macros of LinuxCNC's forum.
         "G38.3 Z-20 F100\no<far> if [#5063 LT -15]\n(ABORT, contact too low: reset G92, check T)\n\
          o<far> endif\n",
     ] {

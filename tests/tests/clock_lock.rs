@@ -1,8 +1,8 @@
 //! The chain of clocks, with every process as in use: the cycle of the EtherCAT bridge follows the reference
-//! clock of a ring that drifts against this computer's, and the core's loop follows the bridge. What each of
-//! them reports and records is the drift of the ring.
+//! clock of a ring that drifts against the clock of this computer, and the loop of the core follows the
+//! bridge. Both must report and record the drift of the ring.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -24,14 +24,14 @@ const PERIOD_NS: f64 = 2e6;
 const LEAD_CYCLES: u32 = 40;
 const SETTLING: Duration = Duration::from_secs(11);
 const MEASURED: Duration = Duration::from_secs(20);
-/// A pause that ten periods of the bridge do not bridge explains a lost setpoint.
+/// A pause longer than ten periods of the bridge explains a lost setpoint.
 const SUSPENDED: Duration = Duration::from_millis(15);
-/// Bounds of drift and mean phase error. Without its integral part the lock finds no drift, and is left with
-/// 200 ppm of the period over its proportional part: 400 ns / (0.2 / 42) = 84 us.
+/// Bounds of drift and mean phase error. Without its integral part the lock finds no drift, and keeps an
+/// error of 200 ppm of the period divided by its proportional part: 400 ns / (0.2 / 42) = 84 us.
 const DRIFT_PPM: f64 = 5.0;
 const MEAN_NS: f64 = 20_000.0;
 
-/// A file that ships, with pieces of its text replaced.
+/// A shipped file with pieces of its text replaced.
 fn changed(file: &str, changes: &[(&str, &str)]) -> String {
     let text = std::fs::read_to_string(repository().join("config").join(file)).expect("a file that ships");
     changes.iter().fold(text, |text, (from, to)| {
@@ -40,8 +40,8 @@ fn changed(file: &str, changes: &[(&str, &str)]) -> String {
     })
 }
 
-/// The shipped ring. Its reference is that much faster than this computer, and the other clocks still other
-/// than the reference.
+/// The shipped ring. Its reference clock is faster than this computer by this amount, and the other clocks
+/// differ from the reference.
 fn devices(reference_ppm: f64) -> Vec<SubDevice> {
     let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1).with_drift_ppm(reference_ppm)];
     devices.extend((2..5).map(|serial| {
@@ -56,8 +56,8 @@ fn number(value: &Value, key: &str) -> f64 {
     value[key].as_f64().expect(key)
 }
 
-/// Replies of the bridge: their number, and how many setpoints it had missed with the first and with the last
-/// of them.
+/// Replies of the bridge: their number, and the number of missed setpoints in the first and in the last of
+/// them.
 struct Replies {
     reader: FeedbackReader,
     count: u64,
@@ -82,7 +82,7 @@ impl Replies {
     }
 }
 
-/// Serves the mill with the ring's bridge for half a minute.
+/// Serves the mill with the bridge of the ring for half a minute.
 fn follows_the_ring(reference_ppm: f64) {
     let (workshop, domain, name) = (Workshop::new(), Domain::new(), "clock-lock");
     let rate = format!("lead_cycles = {LEAD_CYCLES}\nrate = 500 ");
@@ -135,7 +135,7 @@ fn follows_the_ring(reference_ppm: f64) {
         );
         seen += 1;
         if job == 0 || status.job == job && status.job_result != 0 {
-            // To and fro in the travel of X.
+            // To and fro within the travel of X.
             let mut jog = ControlRequest {
                 axes_mask: 1,
                 index: 1,
@@ -158,12 +158,12 @@ fn follows_the_ring(reference_ppm: f64) {
 
     let (clock, clocks) = (&summary["clock"], &report["clocks"]);
     println!("{reference_ppm} ppm: core {clock}; bridge {clocks}; {seen} looks");
-    // This computer is slow where the reference is fast.
+    // This computer is slow if the reference is fast.
     let drift_ppm = number(clock, "drift_ppm");
     assert!((drift_ppm + reference_ppm).abs() < DRIFT_PPM, "{drift_ppm} ppm");
     let mean_ns = number(clock, "phase_mean_ns");
     assert!(mean_ns.abs() < MEAN_NS, "{mean_ns} ns");
-    // Within a quarter of the period for all that time, no period can have slipped.
+    // The phase stayed within a quarter of the period, so no period can have slipped.
     assert!(number(clock, "phase_max_ns") < PERIOD_NS / 4.0);
     assert!(number(clock, "errors") > 0.8 * MEASURED.as_nanos() as f64 / PERIOD_NS);
     let drift_ppm = number(clocks, "drift_ppm");
@@ -181,7 +181,7 @@ fn follows_the_ring(reference_ppm: f64) {
     assert_eq!(after, before, "of {} replies", replies.count);
     assert!(replies.count as f64 > 0.8 * MEASURED.as_nanos() as f64 / PERIOD_NS);
 
-    // The trace has it as well.
+    // The trace contains it as well.
     let file = TraceFile::open(&trace).expect("a trace");
     let recorded = |key| file.info().summary_number(key).expect(key);
     assert!((recorded("clock_drift_ppm") - number(clock, "drift_ppm")).abs() < 0.01);

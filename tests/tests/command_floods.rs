@@ -1,4 +1,4 @@
-//! Clients that send valid commands as fast as they can: nobody else waits for them.
+//! Clients that send valid commands as fast as they can do not delay other clients.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -7,10 +7,10 @@ use evolvent_bus::{ClientConfig, ControlClient, ControlRequest};
 use evolvent_replay::verify;
 use evolvent_tests::{Scene, command, speed, unless_disturbed};
 
-/// Clients that turn the feed override.
+/// Clients that change the feed override.
 const CLIENTS: usize = 3;
-/// From the command to the first setpoint that brakes: two looks of the control thread, a cycle, the lead of
-/// 2 ms, and the reply.
+/// Maximum time from the command to the first setpoint that brakes: two polls of the control thread, a cycle,
+/// the lead of 2 ms, and the reply.
 const MAX_UNTIL_BRAKING: Duration = Duration::from_millis(40);
 
 /// Ends the flood.
@@ -22,13 +22,13 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// Turns the feed override up and down without waiting for answers, until `is_over`.
+/// Changes the feed override up and down without waiting for replies, until `is_over`.
 fn floods(scene: &Scene, is_over: &AtomicBool, sent: &AtomicU64) {
     let config = ClientConfig {
         prefix: Some(scene.domain.prefix.clone()),
         ..ClientConfig::new(scene.name())
     };
-    // Without clients nothing is sent, which the test sees.
+    // Without clients nothing is sent, which the test notices.
     let Ok(mut client) = ControlClient::open(&config) else {
         return;
     };
@@ -38,7 +38,7 @@ fn floods(scene: &Scene, is_over: &AtomicBool, sent: &AtomicU64) {
                 amount: 0.8 + f64::from(percent) / 100.0,
                 ..command("FEED_OVERRIDE")
             };
-            // Nobody waits: what does not fit into the connection is not sent.
+            // Does not wait: a command that does not fit into the connection is not sent.
             let _no_answer = client.command(&turn, Duration::ZERO);
             sent.fetch_add(1, Ordering::Relaxed);
         }
@@ -57,7 +57,7 @@ fn an_emergency_stop_in_a_flood_of_overrides_counts_at_once() {
         operator.says_text("MDI", "G1 X300 F2400");
         operator.follows(|_| {}, |setpoint| speed(setpoint) > 25.0);
         std::thread::scope(|scope| {
-            // Also where something panics here.
+            // Also if something panics here.
             let _over = SetOnDrop(&is_over);
             for _ in 0..CLIENTS {
                 scope.spawn(|| floods(&scene, &is_over, &sent));
@@ -82,7 +82,7 @@ fn an_emergency_stop_in_a_flood_of_overrides_counts_at_once() {
             status.velocity == [0.0; 9] && status.power == 0
         });
         assert_eq!((status.machine_state, status.alarm_count), (0, 0));
-        // What comes after it counts.
+        // Later commands take effect.
         operator.brings_up();
         let job = operator.says_text("MDI", "G91 G1 X-5 F6000").job;
         assert_eq!(operator.sees_end(job).job_result, 1);

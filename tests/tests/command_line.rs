@@ -1,5 +1,5 @@
-//! What scripts rely on: exit codes, one JSON object on standard output and nothing else, the fields of the
-//! contract, options.
+//! The interface for scripts: exit codes, one JSON object on standard output and nothing else, the fields of
+//! the contract, options.
 
 use std::path::Path;
 
@@ -70,7 +70,7 @@ fn json_of_run_and_plan_has_the_fields_of_the_contract() {
             ["cycles", "period_ns", "duration_s"].map(|name| object[name].as_f64().expect(name));
         assert!((cycles * period * 1e-9 - duration).abs() < 1e-9, "{object}");
     }
-    // Planning is running without a listener.
+    // A plan is a run without a listener.
     for field in ["cycles", "end_position", "max_jerk_mm_s3", "path_length_mm"] {
         assert_eq!(summary[field], plan[field], "{field}");
     }
@@ -175,7 +175,7 @@ fn exit_codes_are_those_of_the_contract() {
             finished.out
         );
     }
-    // Impossible holes are named with both numbers.
+    // The error of an impossible hole names both numbers.
     let refused = run(["bore", "--hole", "16", "--tool", "40", "--pitch", "2"]).expect_code(&[2]);
     assert!(
         refused.err.contains("16") && refused.err.contains("40"),
@@ -184,7 +184,7 @@ fn exit_codes_are_those_of_the_contract() {
     );
 }
 
-/// What a script reads is not mixed with what a person reads, whatever the program has to say.
+/// Output for scripts is not mixed with output for people, whatever the program prints.
 #[test]
 fn messages_of_the_program_go_to_standard_error() {
     let (workshop, domain) = (Workshop::new(), Domain::new());
@@ -208,7 +208,7 @@ fn messages_of_the_program_go_to_standard_error() {
     }
 }
 
-/// A trace is where it was asked for, or in `traces` under the program's name, and no part file stays.
+/// A trace is in the given file, or in `traces` under the name of the program, and no part file remains.
 #[test]
 fn traces_go_where_they_are_asked_for_or_to_the_folder_of_traces() {
     let workshop = Workshop::new();
@@ -302,7 +302,7 @@ fn help_names_every_option_of_the_contract() {
     }
 }
 
-/// The two commands of the first page, as they stand there, are those that continuous integration runs.
+/// The two commands of the README are those that continuous integration runs.
 #[test]
 fn the_readme_names_the_two_commands() {
     let readme = std::fs::read_to_string(repository().join("README.md")).expect("the README");
@@ -329,7 +329,7 @@ fn a_reader_that_goes_is_no_error_of_any_command() {
     ];
     for arguments in commands {
         let binary = evolvent_tests::evolvent();
-        // The reader has gone before the first word comes.
+        // The reader has gone before the first word is written.
         let script = "{ sleep 0.3; \"$0\" \"$@\"; } | true; exit ${PIPESTATUS[0]}";
         let output = std::process::Command::new("bash")
             .args(["-c", script])

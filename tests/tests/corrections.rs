@@ -1,5 +1,5 @@
-//! A machine with backlash, screw errors and axes that are not square: what its drives are sent keeps their
-//! limits, brings the tool to where it is programmed, and comes out the same when it is computed again.
+//! A machine with backlash, screw errors and axes that are not square: the setpoints of its drives keep the
+//! limits, bring the tool to its programmed position, and are recomputed bit for bit.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::fmt::Write as _;
@@ -14,16 +14,16 @@ use evolvent_tests::{
 const DONE: u32 = 1;
 /// Lost motion of X, Y and Z, mm.
 const PLAY: [f64; 3] = [0.02, 0.03, 0.012];
-/// X drifts with Y.
+/// Drift of X per mm of Y.
 const XY: f64 = 150e-6;
-/// What the mill of the tests may: velocity, acceleration, jerk of X, Y and Z.
+/// Limits of the test mill: velocity, acceleration, jerk of X, Y and Z.
 const LIMITS: [[f64; 3]; 3] = [
     [500.0, 5000.0, 200_000.0],
     [500.0, 5000.0, 200_000.0],
     [20_000.0 / 60.0, 3000.0, 100_000.0],
 ];
 
-/// How far a slide is from where its screw should have brought it, mm.
+/// Deviation of a slide from the nominal position of its screw, mm.
 fn screw_error(axis: usize, position: f64) -> f64 {
     match axis {
         0 => 0.0,
@@ -32,7 +32,7 @@ fn screw_error(axis: usize, position: f64) -> f64 {
     }
 }
 
-/// A nut with play on each screw, and X that is not square to Y.
+/// A nut with play on each screw, and an X axis that is not square to Y.
 struct Plant {
     slides: [f64; 3],
 }
@@ -50,7 +50,7 @@ impl Plant {
     }
 }
 
-/// What a gauge reads at `position`: the error in either direction, um.
+/// Gauge readings at `position`: the error in either direction, um.
 fn measured(axis: usize, position: f64) -> [f64; 2] {
     [-0.5, 0.5].map(|side| {
         let slide = position + side * PLAY[axis];
@@ -58,8 +58,8 @@ fn measured(axis: usize, position: f64) -> [f64; 2] {
     })
 }
 
-/// The mill of the tests with these errors: backlash on X, a CSV of both directions on Y, a table of LinuxCNC
-/// on Z.
+/// The test mill with these errors: backlash on X, a CSV table of both directions on Y, a LinuxCNC table on
+/// Z.
 fn machine(workshop: &Workshop, name: &str, more: &str) -> PathBuf {
     let shipped = workshop.mill(name, &[]);
     let mut text = std::fs::read_to_string(shipped).expect("a machine file");
@@ -108,8 +108,8 @@ X80 Y80 Z10
 M2
 ";
 
-/// Largest share of velocity, acceleration and jerk that the third differences of these positions take, by
-/// axis.
+/// Maximum fractions of velocity, acceleration and jerk limits in the third differences of these positions,
+/// by axis.
 fn shares(positions: &[[f64; 3]], period_s: f64) -> [[f64; 3]; 3] {
     let mut most = [[0.0_f64; 3]; 3];
     for four in positions.windows(4) {
@@ -132,7 +132,8 @@ fn first_three(position: &[f64]) -> [f64; 3] {
     [position[0], position[1], position[2]]
 }
 
-/// When an axis has surely taken up its play: it has gone this far in one direction, for this many cycles.
+/// When an axis has certainly taken up its play: it has moved this far in one direction, for this many
+/// cycles.
 struct Settled {
     turned_at: f64,
     last: f64,
@@ -155,8 +156,8 @@ impl Settled {
     }
 }
 
-/// Drives the plant; the largest distance of the tool from the ideal where the play is surely taken up, and
-/// anywhere.
+/// Drives the plant. Returns the maximum distance of the tool from the ideal position where the play is
+/// certainly taken up, and anywhere.
 fn follow(cycles: &[Cycle], period_s: f64, is_corrected: bool) -> [f64; 2] {
     let mut plant = Plant { slides: [0.0; 3] };
     let mut settled = [0, 1, 2].map(|_| Settled {
@@ -221,7 +222,7 @@ fn what_drives_are_sent_keeps_the_limits_and_brings_the_tool_to_its_place() {
             for (order, allowed) in [1.001, 1.001, 1.02].into_iter().enumerate() {
                 let share = of_sent[axis][order];
                 assert!(share <= allowed, "{planner}, axis {axis}, order {order}: {share}");
-                // The reserve is there.
+                // The reserve is used.
                 assert!(
                     of_ideal[axis][order] < 1.0,
                     "{planner}, axis {axis}, order {order}"
@@ -237,7 +238,7 @@ fn what_drives_are_sent_keeps_the_limits_and_brings_the_tool_to_its_place() {
             "{planner}: off by {away} mm, while play is taken up {anywhere} mm, uncorrected {uncorrected} mm"
         );
         assert!(away < 2e-4, "{planner}: {away} mm");
-        // While the motor goes through the play, the slide waits.
+        // While the motor moves through the play, the slide stands still.
         assert!(anywhere < 0.032, "{planner}: {anywhere} mm");
         assert!(uncorrected > 0.018, "{planner}: {uncorrected} mm");
         let verified = verify(&trace).expect("a readable trace");
@@ -257,7 +258,7 @@ fn a_machine_without_errors_is_sent_what_is_planned() {
     }
 }
 
-/// An input script that warms the machine up, against limits and bits.
+/// An input script that warms the machine up, checked against limits and bits.
 #[test]
 fn thermal_growth_is_followed_at_its_rate_and_computed_again() {
     let workshop = Workshop::new();
@@ -333,8 +334,8 @@ fn a_served_machine_homes_jogs_and_runs_with_corrections_and_is_computed_again()
             let job = operator.says_text("MDI", text).job;
             assert_eq!(operator.sees_end(job).job_result, DONE, "{text}");
         }
-        // The table of Y corrects by some 5 um there, the backlash of X by 10 um: people see where the tool
-        // is.
+        // The table of Y corrects by about 5 um there, the backlash of X by 10 um: the displayed position is
+        // that of the tool.
         let status = operator.waits("drives at rest", |status| {
             (0..3).all(|axis| (status.position_actual[axis] - status.position_machine[axis]).abs() < 0.0021)
         });

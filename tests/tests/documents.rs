@@ -1,5 +1,5 @@
 //! Documents: every link leads to a file, every page is in the book, every command exists with its options.
-//! Files of tests: each is part of an executable.
+//! Test files: each is part of an executable.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::collections::BTreeMap;
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use evolvent_tests::{repository, run};
 
-/// Markdown files of the repository, without those of build folders.
+/// Markdown files of the repository, except those in build folders.
 fn pages() -> Vec<PathBuf> {
     let root = repository();
     let mut pages = Vec::new();
@@ -39,7 +39,7 @@ fn pages() -> Vec<PathBuf> {
     pages
 }
 
-/// Targets of the links of a page, without those in code.
+/// Targets of the links of a page, except those in code.
 fn links(text: &str) -> Vec<String> {
     let mut links = Vec::new();
     let mut fenced = false;
@@ -112,8 +112,8 @@ fn every_page_is_in_the_list_of_the_documentation() {
     assert!(missing.is_empty(), "not in docs/README.md: {missing:?}");
 }
 
-/// The crates of a folder of `crates`, each with the crates of this repository on which it depends outside of
-/// tests.
+/// The crates of a folder of `crates`, each with the crates of this repository on which it depends (except
+/// for tests).
 fn dependencies() -> BTreeMap<String, Vec<String>> {
     let mut all = BTreeMap::new();
     for layer in LAYERS {
@@ -135,7 +135,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-/// The layers of docs/architecture.md, from above.
+/// The layers of docs/architecture.md, from the top.
 const LAYERS: [&str; 8] = [
     "core",
     "program",
@@ -212,7 +212,7 @@ fn every_crate_has_a_short_readme() {
     }
 }
 
-/// What a page says one can type: the subcommands after `evolvent`, and the options.
+/// Commands in a page: the subcommands after `evolvent`, and the options.
 fn typed(page: &str) -> Vec<(Vec<String>, Vec<String>)> {
     let mut found = Vec::new();
     for line in page.lines() {
@@ -223,7 +223,7 @@ fn typed(page: &str) -> Vec<(Vec<String>, Vec<String>)> {
             .step_by(2)
             .filter_map(|code| code.strip_prefix("evolvent "));
         for command in code.chain(inline) {
-            // An indented line of a shell ends where its explanation begins.
+            // The command of an indented shell line ends before its explanation.
             let command = command.split(" -- ").next().unwrap_or_default();
             let words: Vec<&str> = command
                 .split_whitespace()
@@ -270,7 +270,7 @@ fn commands_in_documents_exist_with_their_options() {
     };
     let (mut wrong, mut count) = (Vec::new(), 0);
     for page in pages() {
-        // The change log and decisions tell of their time.
+        // The change log and the decisions describe their own time.
         if page.ends_with("CHANGELOG.md") || page.components().any(|part| part.as_os_str() == "adr") {
             continue;
         }
@@ -325,7 +325,7 @@ fn every_command_has_a_man_page_and_completions() {
     run(["man", "/proc/none/man"]).expect_code(&[1]);
 }
 
-/// A file that no `main.rs` names would not be compiled, and nobody would miss its tests.
+/// A file that no `main.rs` names would not be compiled, and its missing tests would not be noticed.
 #[test]
 fn every_file_of_tests_is_in_the_executable_of_its_crate() {
     let root = repository();
@@ -365,7 +365,7 @@ fn every_file_of_tests_is_in_the_executable_of_its_crate() {
     assert!(left_out.is_empty(), "name them in main.rs: {left_out:#?}");
 }
 
-/// The README's first command names no executable, and simulators for tests are executables, too.
+/// The first command of the README names no executable, and simulators for tests are executables, too.
 #[test]
 fn cargo_run_in_the_root_is_the_command_line() {
     let members = repository().join("crates");
@@ -383,6 +383,6 @@ fn cargo_run_in_the_root_is_the_command_line() {
             );
         }
     }
-    // Cargo takes the one of all members that has one.
+    // Cargo uses that of the only member that has one.
     assert_eq!(runs, ["default-run = \"evolvent\""]);
 }

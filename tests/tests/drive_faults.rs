@@ -1,6 +1,6 @@
-//! A machine that is served, with simulated drives that fail: over the real bus, in real time. Every kind of
-//! fault, at random moments, ends at rest, with the alarm that names it. At 50 random moments each, by
-//! simulated time, it is tried in `evolvent-bridge-sim`.
+//! A served machine with simulated drives that fail, over the real bus and in real time. Every kind of fault,
+//! at random moments, ends at rest with the alarm that names it. `evolvent-bridge-sim` tests each kind at 50
+//! random moments in simulated time.
 
 use std::sync::Mutex;
 use std::time::Instant;
@@ -8,15 +8,15 @@ use std::time::Instant;
 use evolvent_tests::{Domain, Drives, Operator, Random, Served, Workshop, command, unless_disturbed};
 
 const FAULT: u32 = 4;
-/// Machines that run beside each other.
+/// Number of concurrent machines.
 const AT_ONCE: usize = 2;
 
-/// Kinds of faults, the axis if they have one, and the alarms that may name them.
+/// Kinds of faults, the axis if the fault has one, and the alarms that may name it.
 const KINDS: [(&str, &str, &[u32]); 9] = [
     ("late", "", &[401]),
     ("silent", "", &[401]),
     ("frozen", "", &[402]),
-    // Which of the two comes first depends on how fast the axis is.
+    // The first of the two depends on the speed of the axis.
     ("stuck", ":X", &[403, 410]),
     ("fault", ":Y", &[406]),
     ("off", ":X", &[407]),
@@ -25,13 +25,13 @@ const KINDS: [(&str, &str, &[u32]); 9] = [
     ("nan", ":X", &[404]),
 ];
 
-/// One fault, so many seconds after the drives came into operation, in the middle of a motion of both axes.
-/// What was seen.
+/// One fault, this number of seconds after the drives became operational, during a motion of both axes.
+/// Returns what was observed.
 fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -> String {
     let (domain, workshop) = (Domain::new(), Workshop::new());
     let name = format!("df{number}-{kind}");
-    // Busy machines: feedback may be old, and setpoints are sent long before they are due. Feedback that is
-    // 100 ms late has to be too old, though.
+    // For busy machines feedback may be old, and setpoints are sent long before they are due. Feedback that
+    // is 100 ms late must still be too old.
     let timeout = if kind == "late" { 60 } else { 400 };
     let file = workshop.mill(
         &name,
@@ -66,7 +66,7 @@ fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -
     operator.waits("rest without power", |status| {
         status.velocity == [0.0; 9] && status.power == 0 && status.machine_state == 1
     });
-    // It stays until it is cleared, and nothing moves before.
+    // The alarm stays until it is cleared, and nothing moves before.
     assert_eq!(operator.ask(&command("ON")).alarm, 918, "{fault}");
     drop((operator, drives));
     served.end().expect_code(&[0, 3]);
@@ -83,7 +83,7 @@ fn drives_that_fail_at_any_moment_stop_the_machine_with_the_alarm_that_names_the
     let mut trials = Vec::new();
     for (kind, axis, expected) in KINDS {
         for _ in 0..moments {
-            // While both axes move: the way takes 5.6 s, and begins when the machine is on.
+            // While both axes move: the motion takes 5.6 s, and begins when the machine is on.
             trials.push((trials.len(), kind, axis, random.between(1.0, 4.5), expected));
         }
     }

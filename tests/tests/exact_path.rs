@@ -1,5 +1,5 @@
-//! Setpoints lie on the programmed curves, and the chords between them keep the chord error: measured in the
-//! trace, against formulas that share nothing with the crates under test.
+//! Setpoints are on the programmed curves, and the chords between them keep the chord error: measured in the
+//! trace, with formulas independent of the crates under test.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -12,8 +12,8 @@ use std::path::Path;
 use evolvent_tests::{Cycle, Hole, Launch, Piece, Workshop, cycles, repository, run};
 use evolvent_trace::TraceFile;
 
-/// Runs a program with the virtual clock and gives its curves and its cycles. The lengths of the trace's
-/// blocks are those of the curves.
+/// Runs a program with the virtual clock and returns its curves and cycles. The lengths of the blocks in the
+/// trace are those of the curves.
 fn run_exact(workshop: &Workshop, program: &Path, machine: &Path) -> (Hole, Vec<Cycle>) {
     let trace = workshop.path("run.mcap");
     Launch::in_virtual_time(program, machine)
@@ -39,8 +39,8 @@ const fn xy(cycle: &Cycle) -> [f64; 2] {
     [cycle.position[0], cycle.position[1]]
 }
 
-/// The greatest distance of a setpoint to its curve, and the greatest chord error, each with its line; over
-/// circles and involutes only.
+/// The maximum distance of a setpoint from its curve, and the maximum chord error, each with its line; only
+/// for circles and involutes.
 fn worst(hole: &Hole, cycles: &[Cycle]) -> ((f64, u32), (f64, u32)) {
     let (mut off, mut chord) = ((0.0, 0), (0.0, 0));
     let mut seen = 0;
@@ -53,7 +53,7 @@ fn worst(hole: &Hole, cycles: &[Cycle]) -> ((f64, u32), (f64, u32)) {
         if distance > off.0 {
             off = (distance, pair[1].line);
         }
-        // The setpoint before the first of a curve lies on the curve before.
+        // The setpoint before the first of a curve is on the previous curve.
         let error = if pair[0].line == pair[1].line {
             piece.chord_error(xy(&pair[0]), xy(&pair[1]))
         } else {
@@ -91,8 +91,9 @@ fn assert_exact(hole: &Hole, cycles: &[Cycle], permitted_mm: f64) {
         let miss = (last.position[axis] - hole.end[axis]).abs();
         assert!(miss <= 1e-9, "axis {axis} ends {miss:e} mm off");
     }
-    // The way along the path is counted in the planner's regular parameter, which is arc length but where an
-    // involute leaves its base circle: there it runs ahead, by a sixth of the circle's radius in all.
+    // The distance along the path is counted in the planner's regular parameter. It is arc length except
+    // where an involute leaves its base circle: there it exceeds arc length, by a sixth of the radius of the
+    // circle in total.
     let ahead_mm: f64 = hole.pieces.values().map(Piece::base_radius_touched).sum::<f64>() / 5.0;
     let (told, length) = (last.path_mm, hole.length());
     assert!(
@@ -101,7 +102,7 @@ fn assert_exact(hole: &Hole, cycles: &[Cycle], permitted_mm: f64) {
     );
 }
 
-/// The hole of the paper's examples: 200 mm, tool 40 mm, 20 turns of 3.95 mm.
+/// The hole of the examples in the paper: 200 mm, tool 40 mm, 20 turns of 3.95 mm.
 #[test]
 fn setpoints_of_the_papers_hole_lie_on_its_involutes_and_circles_within_a_nanometre() {
     let workshop = Workshop::new();
@@ -111,7 +112,7 @@ fn setpoints_of_the_papers_hole_lie_on_its_involutes_and_circles_within_a_nanome
         &repository().join("tests/programs/bore-200.ngc"),
         &machine,
     );
-    // The paper's table 2: lengths of the roughing involute and of the circle that ends it.
+    // Table 2 of the paper: lengths of the roughing involute and of the circle that ends it.
     let lengths: Vec<f64> = hole
         .pieces
         .values()
@@ -123,8 +124,8 @@ fn setpoints_of_the_papers_hole_lie_on_its_involutes_and_circles_within_a_nanome
     assert_exact(&hole, &cycles, 0.001);
 }
 
-/// Holes of other sizes, milled either way, from elsewhere, on finer and coarser grids: at the rational rate
-/// no chord is further from its curve than one increment.
+/// Holes of other sizes, milled in both directions, at other positions, on finer and coarser grids: at the
+/// rational rate no chord is farther from its curve than one increment.
 #[test]
 fn at_the_rational_rate_chords_stay_within_one_increment() {
     let holes: [(&str, &[&str]); 4] = [
@@ -188,8 +189,8 @@ fn at_the_rational_rate_chords_stay_within_one_increment() {
     }
 }
 
-/// Circles at a feed that no axis can keep: the chord error of the slow ones, the acceleration of the fast
-/// ones, and near the rational radius both bind.
+/// Circles at a feed that no axis can keep: the slow ones are limited by the chord error, the fast ones by
+/// acceleration, and those near the rational radius by both.
 #[test]
 fn circles_at_the_greatest_feed_keep_the_chord_error() {
     let workshop = Workshop::new();
@@ -206,8 +207,8 @@ fn circles_at_the_greatest_feed_keep_the_chord_error() {
     assert_exact(&hole, &cycles, 0.001);
 }
 
-/// Guards the measure itself: with the control rate halved and the chord error allowed in the file raised,
-/// the test above must be able to see it.
+/// Tests the measurement itself: with half the control rate and a larger chord error allowed in the file, the
+/// test above must fail.
 #[test]
 fn a_chord_error_that_is_too_great_is_seen() {
     let workshop = Workshop::new();
@@ -223,7 +224,7 @@ fn a_chord_error_that_is_too_great_is_seen() {
     let (hole, cycles) = run_exact(&workshop, &program, &machine);
     let (off, chord) = worst(&hole, &cycles);
     assert!(off.0 <= 1e-9, "{off:?}");
-    // The sagitta is a/8f^2 of the acceleration across the path: 10 um for the limit of one axis, up to
-    // sqrt(2) times that where two axes share it.
+    // The sagitta is a/8f^2 for the acceleration a across the path: 10 um for the limit of one axis, up to
+    // sqrt(2) times that if two axes contribute.
     assert!((0.005..0.01415).contains(&chord.0), "{chord:?}");
 }

@@ -1,12 +1,12 @@
-//! The exit codes of the bridges to hardware: 1 is worth another try, 2 is not, and units of systemd go by
-//! that.
+//! The exit codes of the hardware bridges: 1 means that another attempt may succeed, 2 that it cannot. The
+//! systemd units use them.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_bus::{BusConfig, CoreBus};
 use evolvent_ethercat_ring::{MAIN_INTERFACE, on_bench};
 use evolvent_tests::{Domain, Workshop, evolvent, repository};
 
-/// Exit code and messages of a bridge with these options, which ends by itself.
+/// Exit code and messages of a bridge that ends on its own with these options.
 fn ended(bridge: &str, options: &[&str]) -> (Option<i32>, String) {
     let output = evolvent()
         .args(["bridge", bridge, "--seconds", "5"])
@@ -31,14 +31,14 @@ fn config(file: &str) -> String {
     repository().join("config").join(file).display().to_string()
 }
 
-/// A core of the machine with other axes than it has.
+/// A core of the machine with different axes.
 fn lathe_core(name: &str, domain: &Domain) -> CoreBus {
     let mut config = BusConfig::new(name, "XZ", 2_000_000);
     config.prefix = Some(domain.prefix.clone());
     CoreBus::open(&config).expect("a bus")
 }
 
-/// Needs the right to make a network namespace.
+/// Needs the right to create a network namespace.
 #[test]
 fn the_bridge_to_ethercat_says_by_its_exit_code_whether_to_try_again() {
     let workshop = Workshop::new();
@@ -78,12 +78,12 @@ fn the_bridge_to_ethercat_says_by_its_exit_code_whether_to_try_again() {
             options.extend(more);
             ended("ethercat", &options)
         };
-        // It may come up later, as may the core with the right axes. The recording that shows why it went
-        // stays until then.
+        // The ring may come up later, as may the core with the right axes. The recording that shows the cause
+        // is kept until then.
         let recorded = workshop.write("recorded.pcapng", "of the last run");
         let found = with(&network, "absent0", &["--dump", &recorded.display().to_string()]);
         expect(&found, 1, &["the network interface absent0 cannot be opened"]);
-        // It does not wait for anything.
+        // It waits for nothing.
         assert!(!found.1.contains("waiting for its core"), "{}", found.1);
         let kept = std::fs::read_to_string(&recorded).expect("the recording");
         assert_eq!(kept, "of the last run");
@@ -96,7 +96,7 @@ fn the_bridge_to_ethercat_says_by_its_exit_code_whether_to_try_again() {
                 &["the core drives the axes XZ, the network file has XYZ"],
             );
         }
-        // Files stay as they are.
+        // Files do not change.
         let found = with(&misspelt.display().to_string(), MAIN_INTERFACE, &[]);
         expect(
             &found,
@@ -137,7 +137,7 @@ fn the_bridge_to_mesa_boards_does_so_too() {
         config("boards/7i96s-router.toml"),
     );
     let text = std::fs::read_to_string(&board).expect("a board");
-    // Nobody is there.
+    // No board is there.
     let with = |board: &str, more: &[&str]| {
         let mut options = vec![
             "--machine",

@@ -1,5 +1,5 @@
-//! Clients in another language find on the bus and in the trace what was commanded, every cycle and every
-//! bit.
+//! Clients in another language receive the commanded setpoints on the bus and in the trace, every cycle and
+//! every bit.
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -7,9 +7,9 @@ use std::process::Stdio;
 
 use evolvent_tests::{Domain, Finished, Launch, Workshop, cycles, python, unless_disturbed, wait};
 
-/// Python subscribes before the run starts; the run waits for it. The three dumps hold sequence and nine
-/// positions of every cycle, 80 bytes each: what the bus carried, what the trace holds, and what a run with
-/// the virtual clock computes.
+/// Python subscribes before the run starts; the run waits for it. The three dumps contain sequence and nine
+/// positions of every cycle, 80 bytes each: from the bus, from the trace, and from a run with the virtual
+/// clock.
 #[test]
 fn python_finds_every_setpoint_once_and_in_order_on_the_bus_and_the_same_bits_in_the_trace() {
     unless_disturbed(|| {
@@ -109,7 +109,7 @@ fn python_finds_every_setpoint_once_and_in_order_on_the_bus_and_the_same_bits_in
     });
 }
 
-/// A client that is suspended in the middle of a run costs the run nothing and others nothing.
+/// A client that is suspended during a run delays neither the run nor other clients.
 #[test]
 fn a_client_that_stops_reading_delays_nobody() {
     unless_disturbed(|| {
@@ -122,7 +122,7 @@ fn a_client_that_stops_reading_delays_nobody() {
             .with(&["--wait-for-clients", "2"])
             .start();
         let client = domain.client("lazy");
-        // Subscribed, and never read.
+        // Subscribed, but never read.
         let lazy = client.setpoints().expect("a subscription");
         let mut eager = client.setpoints().expect("a subscription");
         let mut next = 0;

@@ -1,12 +1,12 @@
-//! A disk without room ends in a clear error and a readable file, while motion goes on or stops, as
-//! configured. The shell's limit of the size of a file stands for the disk's.
+//! A full disk ends in a clear error and a readable file, while motion continues or stops, as configured. The
+//! file size limit of the shell stands in for a full disk.
 #![expect(clippy::print_stdout, reason = "helpers of tests fail and talk as tests do")]
 
 use std::path::Path;
 
 use evolvent_tests::{Cycle, Finished, Launch, Workshop, cycles, repository, run};
 
-/// Files of at most 1 MB; without the signal that the system would send first.
+/// Files of at most 1 MB, without the signal that the system would send first.
 const SMALL_DISK: &str = "trap '' XFSZ; ulimit -f 1024";
 
 fn run_on_small_disk(workshop: &Workshop, on_full: &str) -> (Finished, Vec<Cycle>) {
@@ -18,7 +18,7 @@ fn run_on_small_disk(workshop: &Workshop, on_full: &str) -> (Finished, Vec<Cycle
         .trace(&trace)
         .finish_after(SMALL_DISK);
     println!("{:?} {}\n{:?}", finished.code, finished.err, workshop.files());
-    // What was recorded is there under one of two names; a torn one can be recovered.
+    // The recording has one of two names; a truncated one can be recovered.
     let part = workshop.path("run.mcap.part");
     if !trace.exists() {
         let recovery = run(["trace", "recover"].map(Path::new).into_iter().chain([

@@ -1,4 +1,4 @@
-//! A handwheel at a served machine, turned by a hand that knows nothing of the core.
+//! A handwheel on a served machine, turned independently of the core.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -25,7 +25,7 @@ const BUTTONS: u64 = 0b1111 << 10 | ENABLE;
 /// mm/s, mm/s2, mm/s3 of X.
 const LIMITS: [f64; 3] = [500.0, 5000.0, 200_000.0];
 
-/// A wheel whose axis and step are chosen by command.
+/// A wheel whose axis and step are selected by command.
 const BARE: &str = "
 [signals]
 input_timeout_ms = 500
@@ -68,7 +68,7 @@ step_inputs = [\"times-1\", \"times-10\"]
 enable_input = \"button\"
 ";
 
-/// What is turned and pressed, and told to the core every 2 ms.
+/// A pendant whose counts and buttons are sent to the core every 2 ms.
 struct Pendant {
     counts: Arc<AtomicI64>,
     buttons: Arc<AtomicU64>,
@@ -78,7 +78,7 @@ struct Pendant {
 }
 
 impl Pendant {
-    /// With buttons, or the wheel alone.
+    /// With buttons, or only the wheel.
     fn start(domain: &Domain, name: &str, buttons_there: u64) -> Self {
         let client = domain.client(name);
         // An encoder that has been turned for years.
@@ -192,7 +192,7 @@ fn chooses(axes_mask: u32, step: f64) -> ControlRequest {
     }
 }
 
-/// Waits until nothing has moved for a tenth of a second; where the axes are then.
+/// Waits until nothing has moved for a tenth of a second; returns the positions.
 #[track_caller]
 fn rests(operator: &mut Operator) -> [f64; 9] {
     let mut last = ([f64::NAN; 9], 0);
@@ -205,7 +205,7 @@ fn rests(operator: &mut Operator) -> [f64; 9] {
     status.position_machine
 }
 
-/// Whether the cycles of a trace keep the limits of X, by differences of its positions.
+/// Asserts that the cycles of a trace keep the limits of X, by differences of its positions.
 fn keeps_limits(positions: &[f64], rate: f64) {
     for (index, four) in positions.windows(4).enumerate() {
         let [a, b, c, d] = [four[0], four[1], four[2], four[3]];
@@ -238,7 +238,8 @@ fn a_hand_that_turns_at_random_loses_no_count_and_breaks_no_limit() {
         let mut random = Random::from_state(seed);
         let (mut speed, mut turned) = (0.0_f64, 0_i64);
         for _ in 0..1500 {
-            // Up to 250 detents a second, with sudden turns; 25 mm/s of the axis and far more in the jumps.
+            // Up to 250 detents per second, with sudden turns; 25 mm/s of the axis, and much more in the
+            // jumps.
             speed = match random.unit() {
                 x if x < 0.01 => 4.0 * random.unit() - 2.0,
                 x if x < 0.02 => 0.0,
@@ -273,7 +274,7 @@ fn an_even_hand_makes_an_even_motion_and_the_axis_stands_soon_after_it() {
         let pendant = Pendant::start(&shop.domain, shop.name, 0);
         operator.does(&chooses(1, 0.1));
         std::thread::sleep(Duration::from_millis(50));
-        // A count each 5 ms: 50 detents a second, 5 mm/s.
+        // One count every 5 ms: 50 detents per second, 5 mm/s.
         for _ in 0..400 {
             pendant.turns(1);
             std::thread::sleep(Duration::from_millis(5));
@@ -309,7 +310,7 @@ fn only_a_pendant_that_is_chosen_enabled_and_heard_moves_an_axis() {
             pendant.turns(counts);
             std::thread::sleep(Duration::from_millis(30));
         };
-        // The switches of the pendant choose, and nobody else.
+        // The switches of the pendant select the axis, and no command does.
         let refused = operator.ask(&chooses(1, 0.0));
         assert_eq!(
             (refused.verdict, refused.alarm),
@@ -317,7 +318,7 @@ fn only_a_pendant_that_is_chosen_enabled_and_heard_moves_an_axis() {
             "{}",
             refused.text()
         );
-        // No axis, no step, no button: none of them moves anything, then or afterwards.
+        // Without axis, step or button nothing moves, then or afterwards.
         for buttons in [
             ENABLE | STEP_10,
             ENABLE | SELECT_X,
@@ -331,7 +332,7 @@ fn only_a_pendant_that_is_chosen_enabled_and_heard_moves_an_axis() {
         assert_eq!(rests(&mut operator)[..3], [0.0; 3]);
         turns(40);
         assert!((rests(&mut operator)[0] - 0.1).abs() < 1e-9);
-        // Another axis takes over with its own counts.
+        // Another axis continues with its own counts.
         pendant.presses(ENABLE | STEP_10 | SELECT_Z);
         turns(-80);
         let at = rests(&mut operator);
@@ -344,7 +345,7 @@ fn only_a_pendant_that_is_chosen_enabled_and_heard_moves_an_axis() {
         turns(40);
         operator.brings_up();
         assert_eq!(rests(&mut operator)[2], at[2]);
-        // A bridge that falls silent while the wheel is turned, and one that counts from zero again.
+        // A bridge that becomes silent while the wheel is turned, and one that counts from zero again.
         pendant.falls_silent(true);
         turns(400);
         std::thread::sleep(Duration::from_millis(800));
@@ -373,7 +374,7 @@ fn letting_the_button_go_and_the_end_of_travel_end_the_way_and_nothing_is_made_u
         let pendant = Pendant::start(&shop.domain, shop.name, BUTTONS);
         pendant.presses(ENABLE | STEP_10 | SELECT_X);
         std::thread::sleep(Duration::from_millis(50));
-        // 300 mm to go: the button is let go on the way.
+        // 300 mm of motion: the button is released meanwhile.
         pendant.turns(240);
         let moving = Arc::new(Mutex::new(0.0));
         operator.waits("motion", |status| {
@@ -382,12 +383,12 @@ fn letting_the_button_go_and_the_end_of_travel_end_the_way_and_nothing_is_made_u
         });
         pendant.presses(STEP_10 | SELECT_X);
         let stopped = rests(&mut operator)[0];
-        // From 500 mm/s it stops within 35 mm, and the button is seen within a few ms.
+        // From 500 mm/s it stops within 35 mm, and the release is seen within a few ms.
         let seen = *moving.lock().expect("nobody panicked");
         assert!(stopped < seen + 80.0 && stopped < 299.0, "{seen} to {stopped}");
         pendant.presses(ENABLE | STEP_10 | SELECT_X);
         assert_eq!(rests(&mut operator)[0], stopped);
-        // The bridge dies on the way: 300 mm take 0.7 s, the inputs are unknown after 0.2 s.
+        // The bridge dies meanwhile: 300 mm take 0.7 s, the inputs are unknown after 0.2 s.
         pendant.turns(-240);
         operator.waits("motion", |status| status.position_machine[0] < stopped - 1.0);
         pendant.falls_silent(true);
@@ -395,7 +396,7 @@ fn letting_the_button_go_and_the_end_of_travel_end_the_way_and_nothing_is_made_u
         assert!(silent > stopped - 280.0, "{stopped} to {silent}");
         pendant.falls_silent(false);
         assert_eq!(rests(&mut operator)[0], silent);
-        // Far beyond the end of the travel, in parts; the first detent back moves.
+        // Far beyond the end of the travel, in parts; the first detent back moves the axis.
         for _ in 0..5 {
             pendant.turns(300);
             std::thread::sleep(Duration::from_millis(40));
@@ -403,7 +404,7 @@ fn letting_the_button_go_and_the_end_of_travel_end_the_way_and_nothing_is_made_u
         assert!((rests(&mut operator)[0] - 400.0).abs() < 1e-6);
         pendant.turns(-4);
         assert!((rests(&mut operator)[0] - 395.0).abs() < 1e-6);
-        // STOP, too, ends it for good.
+        // STOP also ends the motion for good.
         pendant.turns(-240);
         operator.waits("motion", |status| status.position_machine[0] < 380.0);
         operator.says("STOP");
@@ -436,7 +437,7 @@ fn a_jog_by_command_takes_over_from_a_wheel_that_turns_on() {
         for trial in 1..=8 {
             operator.does(&chooses(1, 0.1));
             std::thread::sleep(Duration::from_millis(30));
-            // At any moment of the changes of the wheel's own motion.
+            // At any moment of a speed change of the wheel.
             turns_until(soon(150 + trial));
             let mut jog = ControlRequest {
                 axes_mask: 2,
@@ -446,7 +447,7 @@ fn a_jog_by_command_takes_over_from_a_wheel_that_turns_on() {
             };
             jog.values[1] = 1.5;
             operator.does(&jog);
-            // The jog moves its axis although the hand turns on.
+            // The jog moves its axis although the wheel is still turned.
             turns_until(soon(60));
             operator.does(&chooses(0, 0.0));
             let end = rests(&mut operator);

@@ -1,7 +1,7 @@
-//! Holds at random moments of whole programs: how they come to rest, and what is published meanwhile.
+//! Holds at random moments of whole programs: their stops, and the setpoints published meanwhile.
 //!
-//! `EVOLVENT_PROGRAMS=FOLDER` takes the programs of another folder, `EVOLVENT_CASES` that many holds in each
-//! at each rate.
+//! `EVOLVENT_PROGRAMS=FOLDER` takes the programs of another folder, `EVOLVENT_CASES` sets the number of holds
+//! in each at each rate.
 
 #![expect(clippy::unwrap_used, reason = "a test may fail")]
 
@@ -36,17 +36,17 @@ fn drive(job: &Job, controls: &Arc<Controls>, see: impl FnMut(&Setpoint) + Send)
     run(job, controls, &mut Silent, see).unwrap()
 }
 
-/// One hold, as it went.
+/// The result of one hold.
 struct Hold {
     line: u32,
     /// Path speed at the hold, mm/s, and the time to rest, s.
     feed_mm_s: f64,
     seconds: f64,
-    /// No axis can be at rest sooner, s.
+    /// Lower bound of the time to rest of any axis, s.
     least_s: f64,
 }
 
-/// The least time in which an axis stops from velocity `v` and acceleration `a`, wherever that may be.
+/// The minimum time in which an axis stops from velocity `v` and acceleration `a`, at any position.
 fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
     let falls = v + a * a.abs() / (2.0 * jerk) >= 0.0;
     let (v, a) = if falls { (v, a) } else { (-v, -a) };
@@ -58,11 +58,11 @@ fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
     }
 }
 
-/// Drives the program with `count` holds, one after the other, each at a random moment after the one before.
+/// Drives the program with `count` holds, each at a random moment after the previous one.
 fn holds(job: &Job, count: usize, random: &mut Random) -> (Vec<Hold>, RunOutcome) {
     let setpoints = drive(job, &Arc::new(Controls::new(1.0)), |_| {}).summary.cycles as usize;
     let period = job.setup.period_ns as f64 * 1e-9;
-    // Time enough to come to speed again.
+    // Enough time to reach full speed again.
     let apart = (2 * setpoints / count).max((0.2 / period) as usize);
     let limits = job.setup.machine.limits();
     let controls = Arc::new(Controls::new(1.0));
@@ -156,8 +156,8 @@ fn holds_in_whole_programs_stop_soon_and_keep_every_limit() {
                 .iter()
                 .max_by(|a, b| a.seconds.total_cmp(&b.seconds))
                 .unwrap();
-            // From the highest speed on a straight line 140 ms; 40 more where it still accelerates, and again
-            // where an axis that the curve turns has its whole jerk in use and lets nothing brake.
+            // From the highest speed on a straight line 140 ms; 40 ms more if the axis still accelerates, and
+            // again if an axis that the curve turns uses its whole jerk and delays braking.
             assert!(
                 worst.seconds <= 0.25,
                 "{what}: line {} takes {} s",

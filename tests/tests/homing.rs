@@ -1,5 +1,5 @@
-//! Homing by switch, index pulse and absolute encoder in closed loop with simulated drives: by simulated time
-//! with faults at random moments, and served, with a trace that comes out the same.
+//! Homing by switch, index pulse and absolute encoder in closed loop with simulated drives: in simulated time
+//! with faults at random moments, and served, with a trace that is recomputed.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::collections::VecDeque;
@@ -34,7 +34,7 @@ fn limits() -> Limits {
     }
 }
 
-/// A core that homes one axis, as far as that concerns the drives.
+/// The part of a core that homes one axis.
 struct Core {
     station: MachineState,
     steering: Option<TransferExecutor>,
@@ -156,13 +156,13 @@ fn far() -> Limits {
     }
 }
 
-/// The drive of one axis: where it starts, its switch towards which end, and a pulse at this place.
+/// The drive of one axis: its start position, the end at which its switch is, and the position of a pulse.
 fn drive(start: f64, is_negative: bool, switch: f64, pulse: f64) -> SimSettings {
     let mut settings = SimSettings::usual("X", PERIOD_NS);
     let axis = &mut settings.axes[0];
     (axis.max_velocity, axis.max_acceleration, axis.max_jerk) = (400.0, 4000.0, 100_000.0);
     axis.servo.strongest = 8000.0;
-    // It can go on beyond the ends of its travel: what is looked at is how far it does.
+    // It can move beyond the ends of its travel: the test checks how far it does.
     (axis.travel_min, axis.travel_max) = (10.0 * TRAVEL[0], 10.0 * TRAVEL[1]);
     (axis.start, axis.reference_offset) = (start, 7.25);
     (axis.home_switch, axis.home_switch_is_below) = (switch, is_negative);
@@ -179,7 +179,7 @@ struct Trial {
     fault: Option<Fault>,
 }
 
-/// How it ended, by how much the axis's coordinate is wrong, and how far it went.
+/// The result, the error of the axis coordinate, and the range of motion.
 fn run(trial: &Trial) -> (Result<(), Rejection>, f64, [f64; 2]) {
     let mut bridge = SimBridge::new(&trial.drives).expect("limits");
     trial.fault.into_iter().for_each(|fault| bridge.add_fault(fault));
@@ -214,7 +214,7 @@ fn trial(random: &mut Random) -> Trial {
     let direction = if is_negative { -1.0 } else { 1.0 };
     let switch = direction * 140.0;
     let way = if when_opening { -direction } else { direction };
-    // Not so near to the switch that its sampling decides which pulse it is.
+    // Not so near to the switch that its sampling decides which pulse is found.
     let pulse = switch + way * random.between(0.3, 0.9) * PITCH;
     let axis = HomingAxis {
         axis: AxisLetter::X,
@@ -250,15 +250,15 @@ fn the_index_pulse_names_the_axis_exactly_from_any_start() {
     }
 }
 
-/// A wire that breaks or a switch that sticks: the right alarm at rest, or the right zero where it came too
-/// late to matter. A break that looks like the edge that is waited for cannot be told from it and is left
-/// out.
+/// A wire that breaks or a switch that sticks: the right alarm at rest, or the right zero if the fault came
+/// too late to matter. A break that looks like the expected edge cannot be distinguished from it and is
+/// excluded.
 #[test]
 fn faults_at_random_moments_end_in_their_alarm_or_do_not_matter() {
     let mut random = Random::new();
     let mut ended = [0; 4];
     let mut trials = 0;
-    // Some ends are rare.
+    // Some results are rare.
     while trials < 120 || trials < 2000 && ended.iter().any(|count| *count <= 3) {
         trials += 1;
         let mut trial = trial(&mut random);
@@ -282,7 +282,7 @@ fn faults_at_random_moments_end_in_their_alarm_or_do_not_matter() {
         let alarm = outcome.as_ref().err().map(|rejection| rejection.alarm);
         let right: &[Alarm] = match kind {
             FaultKind::IndexMissing => &[Alarm::IndexMissing],
-            // Held where it is closed by a break the switch is left and not found again.
+            // Held closed by a broken wire, the switch is left and not found again.
             FaultKind::SwitchClosed => &[Alarm::HomeSwitchStuck, Alarm::HomeSwitchMissing],
             _ => &[Alarm::HomeSwitchMissing, Alarm::HomeSwitchStuck],
         };
@@ -290,7 +290,7 @@ fn faults_at_random_moments_end_in_their_alarm_or_do_not_matter() {
             None => assert!(wrong.abs() < 1e-4, "{kind:?} {at_s}: {wrong}"),
             Some(alarm) => assert!(right.contains(&alarm), "{kind:?} {at_s}: {alarm:?}"),
         }
-        // 1.1 of the travel for the search, half of it for the ways back.
+        // 1.1 of the travel for the search, half of it for backing off.
         let length = reach[1] - reach[0];
         assert!(
             length < 1.7 * (TRAVEL[1] - TRAVEL[0]),
@@ -306,7 +306,7 @@ fn faults_at_random_moments_end_in_their_alarm_or_do_not_matter() {
     assert!(ended.iter().all(|count| *count > 3), "{ended:?}");
 }
 
-/// X by the pulse on the way off the switch, Y by the one behind it, Z by its absolute encoder.
+/// X by the pulse while leaving the switch, Y by the pulse after it, Z by its absolute encoder.
 const THREE: &str = "
 [[homing]]
 axis = \"X\"
@@ -332,7 +332,7 @@ axis = \"Z\"
 method = \"absolute\"
 ";
 
-/// Imported axes: the pulse of X and the switch of Y lie a little beyond the travel.
+/// Imported axes: the pulse of X and the switch of Y are slightly beyond the travel.
 const BEYOND: &str = "
 [[homing]]
 axis = \"X\"
@@ -400,7 +400,7 @@ fn home(operator: &mut Operator, mask: u32) -> Status {
     operator.sees_end(job)
 }
 
-/// Homes X and Y, with which all axes are homed: each offset is that of the encoders.
+/// Homes X and Y, after which all axes are homed: each offset is that of the encoders.
 fn homes_x_and_y(operator: &mut Operator, offset: f64, tolerance: f64) {
     let status = home(operator, 0b011);
     assert_eq!(

@@ -1,4 +1,4 @@
-//! `evolvent import linuxcnc`: a machine that runs comes out, and nothing is lost without a word.
+//! `evolvent import linuxcnc`: the result is a machine that runs, and everything that is lost is reported.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::Path;
@@ -64,7 +64,7 @@ HOME_LATCH_VEL = 2
 HOME_SEQUENCE = 0
 ";
 
-/// A touch probe at a Mesa board.
+/// A touch probe on a Mesa board.
 const WIRING: &str = "loadrt hm2_eth board_ip=10.10.10.10
 net touch hm2_7i96s.0.inm.10.input => motion.probe-input
 ";
@@ -99,7 +99,7 @@ fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
         "name = \"gantry-router\"",
         "rate = 1000",
         "travel_max_mm = 1016",
-        // The tightest of the axis and of both joints.
+        // The tightest limit of the axis and of both joints.
         "travel_max_mm = 736.6",
         "max_velocity_mm_s = 127",
         "max_jerk_mm_s3 = 10160",
@@ -132,7 +132,7 @@ fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
     }
     assert!(report["chosen"].to_string().contains("max_jerk of X"), "{report}");
 
-    // Tool and offset count in millimetres in the machine that came out.
+    // Tool and offset are in millimetres in the imported machine.
     let program = workshop.write("p.ngc", "G21 G90 G54\nG43 H1\nG0 X10\nG0 Z-20\nM2\n");
     run(["check", text(&program), "--machine", text(&machine)]).expect_code(&[0]);
     let trace = workshop.folder().join("p.mcap");
@@ -147,14 +147,14 @@ fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
         "--trace",
     ];
     run(words.iter().chain(&[text(&trace)])).expect_code(&[0]);
-    // X10 lies at 10 mm + 1.5 in, Z-20 at -20 mm - 2 in - 1 in.
+    // X10 is at 10 mm + 1.5 in, Z-20 at -20 mm - 2 in - 1 in.
     let end = cycles(&trace).pop().expect("a cycle").position;
     assert!(
         (end[0] - 48.1).abs() < 1e-6 && (end[2] + 96.2).abs() < 1e-6,
         "{end:?}"
     );
 
-    // Without G20 or G21 a program starts in the machine's inches, and so are its parameters.
+    // Without G20 or G21 a program starts in the inches of the machine, and so do its parameters.
     let program = workshop.write("inch.ngc", "G90 G54\nG0 X[#5221]\nM2\n");
     let words = words.map(|word| {
         if word.ends_with("p.ngc") {
@@ -229,7 +229,7 @@ fn backlash_and_a_table_of_screw_errors_come_over_and_are_corrected() {
         .chain(words))
     .expect_code(&[0]);
     let last = *cycles(&trace).last().expect("cycles");
-    // Backwards at 0: half of the backlash less, and what LinuxCNC would add, nominal less reached.
+    // Backwards at 0: half of the backlash less, and LinuxCNC's correction, nominal minus reached.
     assert!(
         (last.drive_position[0] + 0.0127).abs() < 1e-12,
         "{}",

@@ -1,8 +1,8 @@
-//! A served mill that homes by the index pulses of its encoders, through the bridges to hardware and their
-//! simulators: every process as in use, over real sockets. The truth is the shaft of the simulator, which no
-//! bridge sees.
+//! A served mill that homes by the index pulses of its encoders, through the hardware bridges and their
+//! simulators: every process as in use, over real sockets. The reference is the shaft of the simulator, which
+//! no bridge sees.
 //!
-//! The EtherCAT ring needs the right to make a network namespace.
+//! The EtherCAT ring needs the right to create a network namespace.
 #![expect(clippy::expect_used, clippy::panic, reason = "tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -20,17 +20,17 @@ use evolvent_tests::{
     Domain, HardwareBridge, Operator, Random, Served, Workshop, command, where_undisturbed,
 };
 
-/// A bridge that is suspended for ten periods brakes by itself (`note` 2, alarm 413), as it must: three
-/// quarters of that explain it.
+/// A bridge that is suspended for ten periods brakes on its own (`note` 2, alarm 413), as it must: a pause of
+/// three quarters of that explains it.
 const SUSPENDED: Duration = Duration::from_millis(30);
 
-/// Machine coordinates that the pulses of X and Y become, mm.
+/// Machine coordinates of the pulses of X and Y, mm.
 const PULSES: [f64; 2] = [-60.0, 15.0];
 const X: u32 = 0b01;
 const Y: u32 = 0b10;
 
-/// X by the first pulse after its switch, Y by the next pulse from where it stands. The distance is a turn,
-/// and what the axis goes in a lead: setpoints are that far ahead, and it must be at rest by their end.
+/// X by the first pulse after its switch, Y by the next pulse from its position. The distance is one turn
+/// plus the motion during one lead: setpoints are that far ahead, and the axis must be at rest by their end.
 fn homing(edge: &str, latch_mm_s: [f64; 2]) -> String {
     format!(
         "\n[[homing]]\naxis = \"X\"\nmethod = \"switch-index\"\nindex_edge = \"{edge}\"\n\
@@ -41,19 +41,19 @@ fn homing(edge: &str, latch_mm_s: [f64; 2]) -> String {
     )
 }
 
-/// What a simulator knows and a bridge does not.
+/// What the simulator knows and the bridge does not.
 trait Hardware {
-    /// Arguments of the bridge behind `evolvent bridge`.
+    /// Arguments of the bridge after `evolvent bridge`.
     fn bridge(&self, workshop: &Workshop) -> Vec<String>;
-    /// Increments of the shaft of X or Y from a pulse, in the direction of the axis, and increments per mm
+    /// Increments of the shaft of X or Y since a pulse, in the direction of the axis, and increments per mm
     /// and per turn.
     fn beyond_pulse(&self, axis: usize) -> (f64, f64, f64);
-    /// The link is lost for a time.
+    /// Interrupts the link for a time.
     fn lose_link(&self, duration_ns: u64);
-    /// A drive is without supply for a moment, or the board's watchdog trips: the session ends, and the
-    /// counts are those of a new one.
+    /// Interrupts the supply of a drive for a moment, or trips the watchdog of the board: the session ends,
+    /// and the counts are those of a new one.
     fn lose_session(&self);
-    /// The encoder of Y gives no pulses, or does again.
+    /// Removes the pulses of the encoder of Y, or restores them.
     fn set_no_pulse(&self, is_missing: bool);
 }
 
@@ -62,7 +62,7 @@ struct RingHardware {
     phases: [f64; 2],
 }
 
-/// Increments a turn, and turns at which the home switch of X closes.
+/// Increments per turn, and turns at which the home switch of X closes.
 const RESOLUTION: f64 = 1_048_576.0;
 const SWITCH_TURNS: f64 = -12.0;
 
@@ -112,7 +112,7 @@ impl Hardware for RingHardware {
         let ring = self.ring.lock().expect("no panic");
         let drive = ring.devices()[axis + 1].as_drive().expect("a drive");
         let sign = if axis == 1 { -1.0 } else { 1.0 };
-        // The drive shows whole increments; the impulse is one increment wide.
+        // The drive reports whole increments; the impulse is one increment wide.
         let shown = (drive.motor_turns() * RESOLUTION).floor();
         let increments = sign * (shown - self.phases[axis] * RESOLUTION);
         (increments, RESOLUTION / 5.0, RESOLUTION)
@@ -145,14 +145,15 @@ struct BoardHardware {
     switch: Option<std::thread::JoinHandle<()>>,
 }
 
-/// Counts a turn, counts a mm, the counts of the pulses, and the count at which the home switch of X closes.
+/// Counts per turn, counts per mm, the counts of the pulses, and the count at which the home switch of X
+/// closes.
 const TURN: i64 = 4000;
 const COUNTS: f64 = 1000.0;
 const INDEX: [i64; 2] = [1700, 2300];
 const SWITCH_COUNTS: f64 = -48_000.0;
-/// The last number of the next board's address.
+/// The last byte of the address of the next board.
 static BOARDS: AtomicU8 = AtomicU8::new(1);
-/// A pin of the board that no module has.
+/// A pin of the board that belongs to no module.
 const SWITCH_PIN: usize = 50;
 
 impl BoardHardware {
@@ -191,7 +192,7 @@ impl BoardHardware {
 
 /// An address of this computer that no other board has.
 fn next_address() -> std::net::IpAddr {
-    // Of its own: tests of one process run side by side.
+    // Unique per process: tests of one process run concurrently.
     let process = std::process::id();
     let number = BOARDS.fetch_add(1, Ordering::Relaxed);
     std::net::IpAddr::from([127, 40 + (process >> 8) as u8 % 80, process as u8, number])
@@ -283,7 +284,7 @@ impl<'a> Mill<'a> {
                 ),
             ],
         );
-        // Slow enough that no counter of 16 bits turns over while 40 packets are missing.
+        // Slow enough that no 16-bit counter overflows while 40 packets are missing.
         let text = std::fs::read_to_string(shipped)
             .expect("a machine file")
             .replace("max_velocity_mm_min = 30000", "max_velocity_mm_min = 9000")
@@ -327,7 +328,7 @@ impl<'a> Mill<'a> {
         self.operator().sees_end(job)
     }
 
-    /// Starts HOME of Y and waits until its pulse is looked for: the axis moves.
+    /// Starts HOME of Y and waits until its pulse is searched: the axis moves.
     fn begins_home_of_y(&mut self) -> u64 {
         let request = ControlRequest {
             axes_mask: Y,
@@ -341,8 +342,8 @@ impl<'a> Mill<'a> {
         job
     }
 
-    /// The alarms are cleared, and power is on again. A drive that lost its fieldbus under power needs a
-    /// reset that it sees, once its bridge is there: as an operator does, again if need be.
+    /// Clears the alarms and switches power on again. A drive that lost its fieldbus under power needs a
+    /// reset that it can see, once its bridge is there: repeated if needed, as an operator would.
     fn recovers(&mut self) {
         for _ in 0..20 {
             self.operator()
@@ -360,17 +361,17 @@ impl<'a> Mill<'a> {
         panic!("no power: {}", self.operator().now().alarm_sentence());
     }
 
-    /// By how many increments the coordinate of an axis at rest is wrong: its pulse must be where the machine
-    /// file has it. It may be any of them where the axis stood in one.
+    /// Error of the coordinate of an axis at rest, in increments: its pulse must be at the coordinate of the
+    /// machine file. If the axis was on a pulse, any pulse is correct.
     fn wrong(&mut self, axis: usize) -> f64 {
         let mut least = f64::INFINITY;
         for _ in 0..100 {
             let shown = self.operator().now().position_actual[axis];
             let (beyond, per_mm, per_turn) = self.hardware.beyond_pulse(axis);
             let off = (shown - PULSES[axis]) * per_mm - beyond;
-            // A pulse comes in every turn.
+            // There is one pulse per turn.
             let off = off - (off / per_turn).round() * per_turn;
-            // Feedback and shaft are read a moment apart, while the servo may hunt.
+            // Feedback and shaft are read at slightly different times, while the servo may hunt.
             least = if off.abs() < least.abs() { off } else { least };
         }
         least
@@ -390,7 +391,7 @@ impl<'a> Mill<'a> {
     }
 
     fn end(mut self) {
-        // A drive that loses its fieldbus without torque has no fault for whoever comes next.
+        // A drive that loses its fieldbus without torque has no fault for the next test.
         self.operator().says("OFF");
         self.operator().waits("off", |status| status.machine_state != 2);
         std::thread::sleep(Duration::from_millis(300));
@@ -401,7 +402,7 @@ impl<'a> Mill<'a> {
     }
 }
 
-/// Runs a trial on both simulators, from random places.
+/// Runs a trial on both simulators, from random positions.
 fn on_ring(trial: impl Fn(&dyn Hardware, &str) + Send + Clone + 'static) {
     where_undisturbed(SUSPENDED, || {
         let mut random = Random::new();
@@ -426,23 +427,23 @@ fn on_board(trial: impl Fn(&dyn Hardware, &str)) {
     });
 }
 
-/// From any start, at two speeds and by both edges of the switch, the pulse is where it truly is, within an
-/// increment. The distance between switch and pulse differs with the edge, and so may the pulse that is
-/// found, but never its place within the turn.
+/// From any start, at two speeds and by both edges of the switch, the pulse has its true coordinate, within
+/// one increment. The distance between switch and pulse differs with the edge, and so may the pulse that is
+/// found, but not its position within the turn.
 fn at_two_speeds(hardware: &dyn Hardware, name: &str) {
     for (edge, latch_mm_s) in [("closing", [2.0, 12.0]), ("opening", [12.0, 2.0])] {
         let mut mill = Mill::new(hardware, name, &homing(edge, latch_mm_s));
         assert_eq!(mill.operator().now().homed_mask & (X | Y), 0);
         let status = mill.home(X | Y);
         mill.check(X | Y, &status);
-        // Once more from where it is now, and it stays what it is.
+        // Once more from the present position: the coordinate does not change.
         let status = mill.home(Y);
         mill.check(X | Y, &status);
         mill.end();
     }
 }
 
-/// No pulse within the distance: alarm 422 at rest; then it is there again.
+/// No pulse within the distance: alarm 422 at rest; then the pulse is restored.
 fn without_a_pulse(hardware: &dyn Hardware, name: &str) {
     let mut mill = Mill::new(hardware, name, &homing("closing", [5.0, 5.0]));
     hardware.set_no_pulse(true);
@@ -461,8 +462,8 @@ fn without_a_pulse(hardware: &dyn Hardware, name: &str) {
     mill.end();
 }
 
-/// The link is lost, then the bridge is killed, while a pulse is awaited: no zero is taken from it, and the
-/// next HOME finds the pulse.
+/// The link is lost, then the bridge is killed, while a pulse is awaited: it yields no zero, and the next
+/// HOME finds the pulse.
 fn broken_off(hardware: &dyn Hardware, name: &str) {
     let mut mill = Mill::new(hardware, name, &homing("closing", [5.0, 1.0]));
     hardware.set_no_pulse(true);
@@ -494,8 +495,8 @@ fn broken_off(hardware: &dyn Hardware, name: &str) {
     mill.end();
 }
 
-/// Without `[[homing]]` axes are homed from the start, and no longer once a session is lost: after it the
-/// drives count from another zero. HOME declares where they are, and moves nothing.
+/// Without `[[homing]]` axes are homed from the start, until a session is lost: after it the drives count
+/// from another zero. HOME declares their positions without motion.
 fn without_homing_tables(hardware: &dyn Hardware, name: &str) {
     let mut mill = Mill::new(hardware, name, "");
     let moves = |mill: &mut Mill<'_>, block: &str| {
@@ -530,7 +531,7 @@ fn without_homing_tables(hardware: &dyn Hardware, name: &str) {
         "soft limits would be 12 mm off"
     );
     mill.operator().says_number("MODE", 1);
-    // One axis by another name than the drives': where it is becomes home.
+    // An axis of another name than that of the drive: its position becomes home.
     let before = [0, 1].map(|axis| hardware.beyond_pulse(axis));
     let status = mill.home(0);
     assert_eq!(
@@ -549,7 +550,7 @@ fn without_homing_tables(hardware: &dyn Hardware, name: &str) {
         let (beyond, per_mm, _) = hardware.beyond_pulse(axis);
         assert!((beyond - before.0).abs() < 0.05 * per_mm, "axis {axis} moved");
     }
-    // Axes that are homed keep their coordinates.
+    // Homed axes keep their coordinates.
     let job = moves(&mut mill, "G90 G1 X5 F1500").job;
     assert_eq!(mill.operator().sees_end(job).job_result, 1);
     mill.operator().says_number("MODE", 1);
@@ -598,18 +599,18 @@ fn a_link_or_bridge_that_goes_while_armed_leaves_no_zero_on_mesa() {
     on_board(broken_off);
 }
 
-/// A machine file and a board file that ship as a pair.
+/// A machine file and a board file that are shipped as a pair.
 struct ShippedPair {
     model: BoardModel,
     machine: &'static str,
     board: &'static str,
-    /// As `mesa-board --switch` has them: 2 mm from where the motors are at first, which is home.
+    /// As for `mesa-board --switch`: 2 mm from the initial positions of the motors, which are home.
     switches: &'static [&'static str],
     /// Axis of each motor, and its steps per mm.
     motors: &'static [(usize, f64)],
 }
 
-/// The files fit together: HOME finds the switches that the board file connects, and the axes go home.
+/// The files fit together: HOME finds the switches that the board file connects, and the axes move home.
 fn homes_by_its_switches(pair: &ShippedPair) {
     let (name, file) = (pair.machine, pair.board);
     where_undisturbed(SUSPENDED, || {
@@ -634,7 +635,7 @@ fn homes_by_its_switches(pair: &ShippedPair) {
         let machine = workshop.write("machine.toml", text + drives);
         let text = shipped(&format!("boards/{file}.toml"))
             .replace("10.10.10.10\"", &format!("{address}\""))
-            // More, and a step generator could turn over unseen.
+            // With more, a step generator could overflow unseen.
             .replace("max_lost_packets = 5 ", "max_lost_packets = 19 ")
             .replace("watchdog_ms = 50 ", "watchdog_ms = 400 ");
         let board_file = workshop.write("board.toml", text);
@@ -660,7 +661,7 @@ fn homes_by_its_switches(pair: &ShippedPair) {
             let away = |axis: usize| status.position_actual[axis] - before.position_actual[axis];
             pair.motors.iter().all(|(axis, _)| away(*axis).abs() < 0.05)
         });
-        // Within the way of a sample and the bus at 4 mm/s.
+        // Within the distance of one sample and the bus delay at 4 mm/s.
         for (unit, (_, per_mm)) in pair.motors.iter().enumerate() {
             let off = server.lock().motor_steps(unit) / per_mm;
             assert!(off.abs() < 0.15, "{file}: motor {unit} is {off} mm off");

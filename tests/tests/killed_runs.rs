@@ -1,4 +1,4 @@
-//! Runs that end before their time: killed at any moment, or told to stop.
+//! Runs that end early: killed at any moment, or stopped by a signal.
 #![expect(clippy::expect_used, reason = "helpers of tests fail and talk as tests do")]
 
 use std::path::Path;
@@ -10,13 +10,13 @@ use evolvent_bus::{Setpoint, SetpointReader};
 use evolvent_tests::{Cycle, Domain, Launch, Random, Workshop, cycles, run, unless_disturbed, wait};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// How often a run is killed; the environment variable EVOLVENT_KILLS raises it.
+/// Number of kills; the environment variable EVOLVENT_KILLS raises it.
 const KILLS: usize = 12;
-/// The state of a cycle that brakes because it was told to stop.
+/// The state of a cycle that brakes for a stop.
 const STOPPING: u8 = 4;
-/// Cycles that may be missing at the end of a recovered trace, s: what was not flushed yet (250 ms), what was
-/// in the queue and the chunk being written; and the recorder, an ordinary thread, may have to wait for a
-/// busy processor.
+/// Cycles that may be missing at the end of a recovered trace, s: data not flushed yet (250 ms), data in the
+/// queue and in the chunk being written; and the recorder, a thread of normal priority, may have to wait for
+/// a busy processor.
 const LOST_S: f64 = 0.75;
 
 fn signal(process: &Child, signal: Signal) {
@@ -24,7 +24,7 @@ fn signal(process: &Child, signal: Signal) {
     kill_process(pid, signal).expect("a process that can be signalled");
 }
 
-/// Reads for a while, from the first setpoint on; gives the last.
+/// Reads for a while, from the first setpoint on; returns the last.
 fn read_for(reader: &mut SetpointReader, time: Duration) -> Setpoint {
     let (begin, mut first, mut last) = (Instant::now(), None, None);
     loop {
@@ -45,7 +45,7 @@ fn read_for(reader: &mut SetpointReader, time: Duration) -> Setpoint {
     }
 }
 
-/// Every other run is killed while it starts or has just started, where there may be nothing to recover yet.
+/// Every other run is killed while it starts or has just started, when there may be nothing to recover yet.
 #[test]
 fn a_killed_run_loses_a_quarter_of_a_second_and_leaves_the_bus_usable() {
     unless_disturbed(|| {
@@ -82,7 +82,7 @@ fn a_killed_run_loses_a_quarter_of_a_second_and_leaves_the_bus_usable() {
                 .into_iter()
                 .chain([part.as_path()]));
             let Some(seen) = seen else {
-                // Not even begun, or begun and recovered: either way in an orderly manner.
+                // Either not started, or started and recovered; both without a crash.
                 let recovery = recovery.expect_code(&[0, 1, 2, 3]);
                 assert_eq!(
                     recovery.code.map(|code| code == 0 || code == 3),
@@ -118,7 +118,7 @@ fn period_s(cycles: &[Cycle]) -> f64 {
     (cycles[1].due_time_ns - cycles[0].due_time_ns) as f64 * 1e-9
 }
 
-/// Greatest magnitudes of the first three differences of the positions of one axis, per s, s2 and s3.
+/// Maximum magnitudes of the first three differences of the positions of one axis, per s, s2 and s3.
 fn extremes(cycles: &[Cycle], axis: usize) -> [f64; 3] {
     let period_s = period_s(cycles);
     let mut values: Vec<f64> = cycles.iter().map(|cycle| cycle.position[axis]).collect();
@@ -160,7 +160,7 @@ fn sigterm_and_sigint_stop_at_rest_on_the_path_within_the_limits() {
             let last = found.last().expect("cycles");
             assert_eq!(last.feed_mm_s, 0.0, "at rest");
             assert_eq!(last.velocity, [0.0; 9], "at rest");
-            // On its way, not at the end of the program.
+            // During the motion, not at the end of the program.
             let begins = found.iter().position(|cycle| cycle.state == STOPPING);
             let stop_s = (found.len() - begins.unwrap_or(found.len())) as f64 * period_s(&found);
             assert!(stop_s < 0.3, "it stops for {stop_s} s");

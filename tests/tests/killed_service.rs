@@ -1,4 +1,4 @@
-//! A served machine and its clients, killed at random moments; and users who may not command.
+//! A served machine and its clients, killed at random moments; and users without the right to command.
 #![expect(
     clippy::expect_used,
     clippy::panic,
@@ -25,7 +25,7 @@ fn cases(usual: usize) -> usize {
         .unwrap_or(usual)
 }
 
-/// What a campaign's machine consists of.
+/// The machine of a campaign.
 struct Machine<'a> {
     name: &'static str,
     file: &'a Path,
@@ -42,7 +42,7 @@ impl Machine<'_> {
         Drives::start(self.file, self.domain, &[])
     }
 
-    /// A client that jogs, if it may.
+    /// A client that jogs, if permitted.
     fn client(&self) -> Process {
         let mut command = evolvent();
         command
@@ -58,7 +58,7 @@ impl Machine<'_> {
     }
 }
 
-/// A process that is killed when it is dropped.
+/// A process that is killed on drop.
 struct Process(Child);
 
 impl Process {
@@ -75,21 +75,22 @@ impl Drop for Process {
     }
 }
 
-/// The most that the drives have shown, in shares of their limits, and whether they stand at last.
+/// Maximum values reported by the drives, as fractions of their limits, and whether they are at rest at the
+/// end.
 #[derive(Clone, Copy, Debug, Default)]
 struct Driven {
     velocity: f64,
     acceleration: f64,
-    /// What the bridge did then: a number of the list of its states.
+    /// The state of the bridge then: an index into the list of its states.
     worst_in_state: u32,
     samples: u64,
-    /// Times at which the host kept the drives' process from running, so that simulated time was left out.
+    /// Times at which the host suspended the process of the drives, so that simulated time was skipped.
     skips: u64,
-    /// The most acceleration within [`AFTER_SKIP_NS`] of one.
+    /// Maximum acceleration within [`AFTER_SKIP_NS`] of a skip.
     after_skips: f64,
 }
 
-/// How long after such a time the position loops settle.
+/// Settling time of the position loops after a skip.
 const AFTER_SKIP_NS: u64 = 1_000_000_000;
 
 impl Driven {
@@ -105,7 +106,7 @@ impl Driven {
     }
 }
 
-/// Somebody who looks on at what the drives answer.
+/// Reads the feedback of the drives.
 struct Onlooker {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<Driven>,
@@ -142,7 +143,7 @@ impl Onlooker {
                     for axis in 0..3 {
                         let velocity = now.velocity[axis].abs() / limits.velocity[axis];
                         driven.velocity = driven.velocity.max(velocity);
-                        // Of one set of drives, from one period to the next.
+                        // For one set of drives, from one period to the next.
                         if let Some(last) = last.filter(|last| last.instance == now.instance)
                             && now.time_ns > last.time_ns
                         {
@@ -172,7 +173,7 @@ impl Onlooker {
         Self { stop, thread }
     }
 
-    /// Ends the look, half a second later.
+    /// Ends the observation half a second later.
     fn end(self) -> Driven {
         std::thread::sleep(Duration::from_millis(500));
         self.stop.store(true, Ordering::Relaxed);
@@ -180,7 +181,7 @@ impl Onlooker {
     }
 }
 
-/// Brings the machine up again, whatever is latched; the alarm that was.
+/// Brings the machine up again, whatever is latched; returns the previous alarm.
 fn brings_up_again(operator: &mut Operator) -> Option<u32> {
     operator.waits("drives", |status| status.feedback_age_ns < 200_000_000);
     let mut met = None;
@@ -193,7 +194,7 @@ fn brings_up_again(operator: &mut Operator) -> Option<u32> {
         if status.machine_state == 0 {
             let _off = operator.ask(&command("ESTOP_RESET"));
         }
-        // Drives that a busy host keeps waiting are no drives.
+        // Drives that a busy host delays count as absent.
         if operator.ask(&command("ON")).verdict != 0 {
             std::thread::sleep(Duration::from_millis(50));
             continue;
@@ -202,7 +203,7 @@ fn brings_up_again(operator: &mut Operator) -> Option<u32> {
             status.machine_state == 2 || status.alarm_count > 0
         });
         if status.machine_state == 2 && status.alarm_count == 0 {
-            // New drives without absolute encoders: somebody has to say where the axes are.
+            // New drives without absolute encoders: the operator has to declare the positions.
             if status.homed_mask & 0b111 != 0b111 {
                 operator.homes();
             }
@@ -215,15 +216,15 @@ fn brings_up_again(operator: &mut Operator) -> Option<u32> {
     );
 }
 
-/// The core, the drives or a client is killed while the machine starts, moves or ends; whoever is left, or
-/// comes next, goes on, and the drives keep their limits. At the end nothing is left in shared memory: the
+/// The core, the drives or a client is killed while the machine starts, moves or ends. The others, or their
+/// successors, continue, and the drives keep their limits. At the end nothing remains in shared memory: the
 /// domain checks that.
 #[test]
 fn cores_bridges_and_clients_that_are_killed_at_any_moment_leave_nothing_behind() {
     unless_disturbed(|| {
         let (workshop, domain, mut random) = (Workshop::new(), Domain::new(), Random::new());
         let name = "op-kill";
-        // Hosts that are busy keep bridges waiting; how soon that is noticed is not what is tested here.
+        // Busy hosts delay bridges; the time until that is noticed is not tested here.
         let file = workshop.mill(
             name,
             &[("feedback_timeout_ms = 20 ", "feedback_timeout_ms = 400 ")],
@@ -260,7 +261,7 @@ fn cores_bridges_and_clients_that_are_killed_at_any_moment_leave_nothing_behind(
                 0 => {
                     drop(operator);
                     served.kill();
-                    // The drives stop by themselves.
+                    // The drives stop on their own.
                     let driven = onlooker.end();
                     worst.include(&driven);
                     drop(client);
@@ -272,7 +273,7 @@ fn cores_bridges_and_clients_that_are_killed_at_any_moment_leave_nothing_behind(
                     let status = operator.waits("rest without drives", |status| {
                         status.activity == 0 && status.machine_state < 2 && status.velocity == [0.0; 9]
                     });
-                    // It came to rest by one of the watch's alarms.
+                    // It stopped by one of the alarms of the watch.
                     let alarm = status.listed_alarms().first().copied().unwrap_or(0);
                     assert!((400..420).contains(&alarm), "case {case}: alarm {alarm}");
                     let _driven = onlooker.end();
@@ -289,9 +290,9 @@ fn cores_bridges_and_clients_that_are_killed_at_any_moment_leave_nothing_behind(
                     worst.include(&driven);
                 }
             }
-            // It answers, and can be operated.
+            // It replies and can be operated.
             let met = brings_up_again(&mut operator);
-            // A busy host may stop the drives for so long that the core takes notice.
+            // A busy host may stop the drives for so long that the core notices.
             disturbed += usize::from(victim == 2 && met.is_some());
             let _stopped = operator.ask(&command("STOP"));
             operator.waits("rest", |status| status.activity == 0);
@@ -303,7 +304,7 @@ fn cores_bridges_and_clients_that_are_killed_at_any_moment_leave_nothing_behind(
              host"
         );
         println!("drives, as shares of what they may have: {worst:?}");
-        // The position loop overshoots the ramp of the brake by some percent.
+        // The position loop overshoots the braking ramp by a few percent.
         assert!(worst.velocity < 1.05 && worst.acceleration < 1.15, "{worst:?}");
         assert!(disturbed * 5 <= cases(6), "{disturbed} cases disturbed");
         drop(drives);
@@ -334,7 +335,7 @@ fn nobody_but_the_owner_can_open_the_channels() {
         assert!(seen >= 10, "{seen} files prove nothing");
 
         let before = operator.now();
-        // Only root may become somebody else.
+        // Only root can become another user.
         let binary = workshop.path("evolvent");
         std::fs::copy(evolvent().get_program(), &binary).expect("a copy of the binary");
         std::fs::set_permissions(&binary, PermissionsExt::from_mode(0o755)).expect("permissions");

@@ -1,8 +1,8 @@
-//! Hardware that goes in the middle of a motion: the simulators of the EtherCAT ring and of the Mesa board in
-//! processes that are killed while a served machine moves. The core reports a fault in time, stops the axes
-//! without power, and works again after the hardware has come back and power was requested again.
+//! Hardware that fails during a motion: the simulators of the EtherCAT ring and of the Mesa board are killed
+//! while a served machine moves. The core reports a fault in time, stops the axes without power, and works
+//! again after the hardware has returned and power was requested again.
 //!
-//! The EtherCAT ring needs the right to make a network namespace.
+//! The EtherCAT ring needs the right to create a network namespace.
 #![expect(
     clippy::expect_used,
     clippy::panic,
@@ -20,12 +20,12 @@ use evolvent_tests::{
 
 const DONE: u32 = 1;
 const FAULT: u32 = 4;
-/// How old feedback may be for the core: hosts that are busy keep bridge and simulator waiting.
+/// Maximum age of feedback for the core: busy hosts delay bridge and simulator.
 const TIMEOUT_MS: u64 = 400;
-/// What the core, its status and this test take after that.
+/// Additional time for the core, its status and this test.
 const SLACK: Duration = Duration::from_millis(300);
 
-/// A file that ships, with pieces of its text replaced.
+/// A shipped file with pieces of its text replaced.
 fn changed(file: &str, changes: &[(&str, &str)]) -> String {
     let path = repository().join("config").join(file);
     let mut text = std::fs::read_to_string(path).expect("a file that ships");
@@ -37,7 +37,7 @@ fn changed(file: &str, changes: &[(&str, &str)]) -> String {
 }
 
 /// Requests power until the machine is on, as an operator does: a drive that lost its fieldbus needs a reset
-/// that it sees.
+/// that it can see.
 fn recovers(operator: &mut Operator) {
     for _ in 0..20 {
         operator.waits("drives", |status| status.feedback_age_ns < 100_000_000);
@@ -54,7 +54,7 @@ fn recovers(operator: &mut Operator) {
     panic!("no power: {}", operator.now().alarm_sentence());
 }
 
-/// Serves the machine, moves X, and kills the hardware on its way.
+/// Serves the machine, moves X, and kills the hardware meanwhile.
 fn is_killed(
     name: &str,
     machine: &Path,
@@ -78,7 +78,7 @@ fn is_killed(
     let killed = Instant::now();
     let status = operator.waits("the alarm", |status| status.alarm_count > 0);
     let after = killed.elapsed();
-    // Feedback has ended; or drives do not reply, in the last message.
+    // Feedback has ended, or drives do not reply in the last message.
     let alarm = status.listed_alarms()[0];
     println!(
         "{name}: alarm {alarm} after {after:?}: {}",
@@ -96,7 +96,7 @@ fn is_killed(
         918,
         "the alarm stays until it is cleared"
     );
-    // Nothing comes on by itself as the hardware returns.
+    // Nothing switches on by itself when the hardware returns.
     let simulator = start();
     operator.waits("drives again", |status| status.feedback_age_ns < 100_000_000);
     std::thread::sleep(Duration::from_millis(500));
@@ -108,7 +108,7 @@ fn is_killed(
         returned.alarm_sentence()
     );
     recovers(&mut operator);
-    // It counts from elsewhere, and is homed again.
+    // It counts from another zero, and is homed again.
     let homed = operator.homes();
     assert_eq!(homed.job_result, DONE, "{}", homed.alarm_sentence());
     operator.says_number("MODE", 2);
@@ -128,7 +128,7 @@ fn is_killed(
 #[test]
 fn a_ring_that_is_killed_in_motion_stops_the_machine_and_works_again() {
     unless_disturbed(|| {
-        // Nobody else is at the other end of the cable.
+        // No other device is at the other end of the cable.
         on_bench(Vec::new(), |_ring| {
             let workshop = Workshop::new();
             let (name, timeout) = ("mill-ethercat", format!("feedback_timeout_ms = {TIMEOUT_MS} "));
@@ -174,7 +174,7 @@ fn a_board_that_is_killed_in_motion_stops_the_machine_and_works_again() {
         let process = std::process::id();
         let address = format!("127.29.{}.{}", process >> 8 & 255, process & 255);
         let workshop = Workshop::new();
-        // Without switches: where it stands is its zero, and it need not be homed.
+        // Without switches its position is its zero, and it need not be homed.
         let text = changed(
             "machines/router-3axis.toml",
             &[("rate = 1000 ", "lead_cycles = 60\nrate = 1000 ")],

@@ -1,4 +1,4 @@
-//! Setpoints that leave late are an error only where somebody waits for them.
+//! Late setpoints are an error only if a client waits for them.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::time::{Duration, Instant};
@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use evolvent_tests::{Domain, Finished, Launch, Workshop, wait};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// Runs a program and keeps the process from running for a third of a second in the middle of it.
+/// Runs a program and suspends the process for a third of a second in the middle of it.
 fn interrupted(domain: &Domain, name: &str, with_client: bool) -> Finished {
     let workshop = Workshop::new();
     let machine = workshop.mill(name, &[]);
@@ -24,7 +24,7 @@ fn interrupted(domain: &Domain, name: &str, with_client: bool) -> Finished {
     finished
 }
 
-/// Waits for the four hundredth cycle, as one who reads the status and no setpoints.
+/// Waits for cycle 400 as a client that reads the status and no setpoints.
 fn until_it_moves(domain: &Domain, name: &str) {
     let bus = domain.client(name);
     let mut status = bus.status().expect("the status");

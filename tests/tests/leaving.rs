@@ -30,7 +30,7 @@ fn a_held_program_is_left_by_jogs_and_goes_on_where_it_was_held() {
             status.position_machine[2] < -1.9 && status.position_machine[0] > 4.0
         });
         assert_eq!(held.activity, PROGRAM);
-        // Not by two axes at once.
+        // Not with two axes at once.
         let refused = operator.ask(&jog(X | Z, [1.0, 0.0, 1.0]));
         assert_eq!(
             (refused.verdict, refused.alarm),
@@ -68,7 +68,7 @@ fn a_held_program_is_left_by_jogs_and_goes_on_where_it_was_held() {
             "{}",
             refused.text()
         );
-        // A way back that is stopped is driven from there on.
+        // A return that was stopped continues from there.
         operator.says("RETURN");
         operator.waits("the way back", |status| status.velocity[1] < -1.0);
         operator.says("JOG_STOP");
@@ -81,7 +81,7 @@ fn a_held_program_is_left_by_jogs_and_goes_on_where_it_was_held() {
         operator.says("RETURN");
         let back = operator.waits("the way back", |status| status.away_parts == 0);
         assert_eq!(back.position_machine, held.position_machine);
-        // An axis that is jogged forth and back by hand is back too.
+        // An axis that was jogged forth and back by hand has also returned.
         operator.waits("the program's axes", |status| {
             status.operator_message().contains("`resume`")
         });
@@ -103,7 +103,7 @@ fn a_held_program_is_left_by_jogs_and_goes_on_where_it_was_held() {
             .map(|cycle| cycle.position[2])
             .fold(f64::MIN, f64::max);
         assert!((farthest - 10.0).abs() < 1e-9, "{farthest}");
-        // The first setpoint of the program behind it begins just where the last one before it was.
+        // The first setpoint of the program after the excursion is exactly at the last one before it.
         let first = left.first().expect("cycles").sequence;
         let last = left.last().expect("cycles").sequence;
         let at = |sequence: u64| {
@@ -116,7 +116,7 @@ fn a_held_program_is_left_by_jogs_and_goes_on_where_it_was_held() {
     });
 }
 
-/// A jog without distance under way once freed of its dead-man switch ran to the end of the travel.
+/// Formerly a jog without distance ran to the end of the travel once it had lost its dead-man switch.
 #[test]
 fn an_increment_stops_the_jog_of_a_held_program_and_the_way_back_is_known() {
     unless_disturbed(|| {
@@ -154,7 +154,7 @@ fn an_increment_stops_the_jog_of_a_held_program_and_the_way_back_is_known() {
         let top = (cycles.iter().filter(|cycle| is_away(cycle)))
             .map(|cycle| cycle.velocity[2].abs())
             .fold(0.0, f64::max);
-        // The way back has the usual speed.
+        // The return has the usual speed.
         assert!(top < 150.0 / 5.0 * 2.5, "{top} mm/s");
     });
 }
@@ -201,7 +201,7 @@ fn a_path_is_driven_backwards_to_starts_of_blocks_and_forwards_again() {
         });
         let back = operator.now();
         assert_eq!(back.position_machine, held.position_machine);
-        // M3 lies before: there it ends.
+        // M3 is before it: retracing ends there.
         let refused = operator.ask(&ControlRequest {
             index: back.retrace_blocks + 1,
             ..command("RETRACE")
@@ -217,7 +217,7 @@ fn a_path_is_driven_backwards_to_starts_of_blocks_and_forwards_again() {
         assert_eq!(operator.sees_end(held.job).job_result, DONE);
         let cycles = shop.ends(served, operator);
         keeps_limits(&shop, &cycles);
-        // Every place of the way back and forth is one of the square's.
+        // Every position of the retraced path is one of the square.
         let below = |cycle: &&Cycle| is_away(cycle) && cycle.position[2] < -1.99;
         for cycle in cycles.iter().filter(below) {
             let [x, y] = [cycle.position[0], cycle.position[1]];
@@ -236,7 +236,7 @@ fn whatever_comes_while_the_axes_are_away_ends_in_a_defined_way() {
         let shop = Shop::new("leave-trouble");
         let (served, _drives, mut operator) = shop.opens();
         let on_side = |status: &Status| status.position_machine[2] < -1.9 && status.position_machine[0] > 4.0;
-        // A client that is gone: the axes stop, the program stays held, and the way back is known.
+        // A client that has gone: the axes stop, the program stays held, and the way back is known.
         shop.holds(&mut operator, SQUARE, on_side);
         let mut on = ControlRequest {
             axes_mask: Z,
@@ -253,22 +253,22 @@ fn whatever_comes_while_the_axes_are_away_ends_in_a_defined_way() {
             (stopped.state, stopped.activity, stopped.away_parts),
             (HELD, PROGRAM, 1)
         );
-        // Another axis waits until the first one rests; a program cannot be left while it moves.
+        // Another axis waits until the first one has stopped; a program cannot be left while it moves.
         operator.does(&jog(Z, [0.0, 0.0, 30.0]));
         operator.waits("a jog", |status| status.velocity[2] > 5.0);
         let refused = operator.ask(&jog(X, [5.0, 0.0, 0.0]));
         assert_eq!(refused.verdict, 1, "{}", refused.text());
-        // STOP: at rest where the axes are, and the job is over.
+        // STOP: at rest at the present position, and the job is over.
         operator.says("STOP");
         let status = operator.waits("the end", |status| status.activity == 0);
         assert_eq!(status.job_result, STOPPED);
         assert!(status.position_machine[2] > -1.9);
         assert_eq!(status.away_parts, 0);
-        // The next one begins there.
+        // The next job begins there.
         operator.says_number("MODE", MDI);
         let job = operator.says_text("MDI", "G0 Z5").job;
         assert_eq!(operator.sees_end(job).job_result, DONE);
-        // An emergency stop in the middle of a way back.
+        // An emergency stop during a return.
         shop.holds(&mut operator, SQUARE, on_side);
         jogs(&mut operator, 2, 12.0);
         operator.says("RETURN");
@@ -277,7 +277,7 @@ fn whatever_comes_while_the_axes_are_away_ends_in_a_defined_way() {
         let status = operator.waits("the end", |status| status.activity == 0);
         assert_eq!((status.machine_state, status.job_result), (0, FAULT));
         operator.waits("power off", |status| status.power == 0);
-        // And of a path that is driven backwards.
+        // And while the path is driven backwards.
         operator.brings_up();
         let job = {
             operator.says_number("MODE", MDI);
@@ -317,7 +317,7 @@ fn a_program_is_left_only_where_it_stands() {
         assert_eq!(operator.ask(&jog(Z, [0.0, 0.0, 1.0])).verdict, 1);
         assert_eq!(operator.ask(&command("RETRACE")).verdict, 1);
         operator.says("HOLD");
-        // On its way to rest, or there already.
+        // Stopping, or stopped already.
         let refused = operator.ask(&jog(Z, [0.0, 0.0, 1.0]));
         assert!(
             refused.verdict == 0 || refused.alarm == MOVING,
@@ -328,7 +328,7 @@ fn a_program_is_left_only_where_it_stands() {
         std::thread::sleep(Duration::from_millis(50));
         operator.says("STOP");
         operator.sees_end(job);
-        // A tool that the operator is to change.
+        // A tool that the operator has to change.
         let program = shop
             .workshop
             .write("tool.ngc", "G21 G90 G94\nT3 M6\nG1 X1 F600\nM2\n");

@@ -1,4 +1,4 @@
-//! Random commands to a program that is held, left and continued, with faults at any moment.
+//! Random commands to a program that is held, left and continued, with faults at random moments.
 #![expect(clippy::panic, reason = "helpers of tests fail as tests do")]
 
 use std::time::Duration;
@@ -9,13 +9,13 @@ use evolvent_tests::{Cycle, Drives, Operator, command, unless_disturbed};
 
 use crate::shop::{AUTO, DONE, FOLLOWS, HELD, STEERS, Shop, is_away, jog, keeps_limits};
 
-/// Radius of the random campaign's circle, mm, and its number of lines.
+/// Radius of the circle of the random campaign, mm, and its number of lines.
 const RADIUS: f64 = 30.0;
 const SIDES: u32 = 1440;
 /// The first line of the circle in [`circle`].
 const FIRST_SIDE: u32 = 5;
 
-/// A circle of short lines: 0.13 mm each, more than a hundred in a second.
+/// A circle of short lines: 0.13 mm each, more than a hundred per second.
 fn circle() -> String {
     use std::fmt::Write as _;
     let mut text = "G21 G90 G94 G64 P0.01\nG0 Z5\nG0 X30 Y0\nG1 Z-2 F1200\n".to_owned();
@@ -32,7 +32,7 @@ fn circle() -> String {
     text
 }
 
-/// Switches the machine on again after whatever has happened.
+/// Switches the machine on again after any event.
 fn recovers(operator: &mut Operator) {
     for _ in 0..200 {
         let status = operator.now();
@@ -82,7 +82,7 @@ fn finishes(operator: &mut Operator) -> Status {
     );
 }
 
-/// A random command, mostly one that fits a held program or one that runs. Many are refused all the same.
+/// A random command, usually one that fits a held or a running program. Many are rejected all the same.
 fn anything(random: &mut Random, is_held: bool) -> ControlRequest {
     let axis = random.below(3);
     let kind = if is_held {
@@ -132,8 +132,9 @@ fn anything(random: &mut Random, is_held: bool) -> ControlRequest {
     }
 }
 
-/// Commands at random moments of a dense program, now and then a stop, an emergency stop or drives that are
-/// gone. Every axis keeps its limits, the program its contour, and the trace is recomputed bit for bit.
+/// Commands at random moments of a dense program, with occasional stops, emergency stops and loss of the
+/// drives. Every axis keeps its limits, the program keeps its contour, and the trace is recomputed bit for
+/// bit.
 #[test]
 fn random_commands_leave_limits_contour_and_trace_as_they_are() {
     unless_disturbed(|| {
@@ -146,7 +147,7 @@ fn random_commands_leave_limits_contour_and_trace_as_they_are() {
         operator.says_number("MODE", AUTO);
         operator.says_text("LOAD", &program.display().to_string());
         let (mut tried, mut accepted, mut ended) = (0, 0, 0);
-        // A draw with few jogs of a held program goes on until it has some; what is short may be missed here.
+        // A case with few jogs of a held program continues until it has some; short ones may be missed here.
         let (mut excursions, mut was_away) = (0, false);
         while tried < count || (excursions <= 3 && tried < 10 * count) {
             tried += 1;
@@ -212,7 +213,7 @@ fn random_commands_leave_limits_contour_and_trace_as_they_are() {
             left > 3 && seen > 500,
             "{left} excursions and {seen} cycles prove nothing"
         );
-        // Where the program has the axes again it continues where it was left.
+        // When the program has the axes again it continues where it was left.
         let mut held: Option<&Cycle> = None;
         for pair in cycles.windows(2) {
             let [before, now] = pair else { continue };

@@ -1,5 +1,5 @@
-//! Tools and pockets as LinuxCNC's own tests expect them: their blocks and expected values are read from its
-//! source package where `tools/get-linuxcnc` has fetched it, and executed here.
+//! Tools and pockets as in LinuxCNC's own tests: their blocks and expected values are read from its source
+//! package if `tools/get-linuxcnc` has fetched it, and executed here.
 #![expect(
     clippy::expect_used,
     clippy::panic,
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use evolvent_gcode::{Action, Interpreter, MachineFeatures, Settings, ToolChanger, ToolTable};
 
-/// The folder of LinuxCNC's package.
+/// The folder of the LinuxCNC package.
 fn linuxcnc() -> Option<PathBuf> {
     let folder = std::env::var_os("EVOLVENT_LINUXCNC").map(PathBuf::from);
     if folder.is_none() {
@@ -25,7 +25,7 @@ fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// The blocks of one operator, each in the state that the accepted ones before it have left.
+/// The blocks of one operator, each in the state left by the accepted ones before it.
 struct Blocks {
     _folder: tempfile::TempDir,
     settings: Settings,
@@ -33,8 +33,8 @@ struct Blocks {
 }
 
 impl Blocks {
-    /// A machine with a tool changer. Their tables and programs are in the unit of their machine; here that
-    /// is the millimetre.
+    /// A machine with a tool changer. The tables and programs of LinuxCNC are in the unit of their machine;
+    /// here that is the millimetre.
     fn new(table: &str, is_random: bool, change: &str) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("toolchange.ngc"), change).expect("a file");
@@ -78,7 +78,7 @@ impl Blocks {
         Ok(last)
     }
 
-    /// Executes a block; whether it was accepted. A refused one leaves nothing.
+    /// Executes a block; returns whether it was accepted. A rejected one has no effect.
     fn executes(&mut self, block: &str) -> bool {
         let is_accepted = self.run(block).is_ok();
         if is_accepted {
@@ -108,8 +108,8 @@ fn expected_values(text: &str) -> Vec<(f64, Vec<f64>)> {
     values.collect()
 }
 
-/// A test of LinuxCNC's that prints X, Y, Z, #5400 and #5403 between blocks of MDI. `answers` has what is
-/// executed here instead of a block, for what is known to differ.
+/// A test of LinuxCNC that prints X, Y, Z, #5400 and #5403 between blocks of MDI. `answers` replaces blocks
+/// with known differences.
 fn compare_script(
     script: &str,
     expected: &str,
@@ -138,7 +138,7 @@ fn compare_script(
         let names = ["#5420", "#5421", "#5422", "#5400", "#5403"];
         for (name, value) in names.into_iter().zip(&values) {
             let found = blocks.value(name);
-            // An unknown tool in a random magazine is -1 there, and none (0) here.
+            // An unknown tool in a random magazine is -1 there, and 0 (none) here.
             let value = if name == "#5400" { value.max(0.0) } else { *value };
             assert!(
                 (found - value).abs() < 2e-6,
@@ -157,12 +157,12 @@ fn lengths_of_tools_and_of_tool_0_are_those_of_linuxcnc() {
     let Some(folder) = linuxcnc() else { return };
     let tests = folder.join("tests/t0");
     let script = read(&tests.join("shared-test.sh"));
-    // H0 is the tool in the spindle here, with both magazines. LinuxCNC takes the length of T0 with a random
-    // one, which is 0, or an error without a T0 in the table.
+    // H0 is the tool in the spindle here, with both magazines. With a random magazine LinuxCNC uses the
+    // length of T0, which is 0; without a T0 in the table it reports an error.
     let own = |_: &str| None;
     let zero = |block: &str| (block == "g43 h0").then_some("g49");
-    // And a spindle that was empty has left T0 in the pocket of T50 here, so T0 can be fetched although the
-    // table began without it.
+    // A spindle that was empty has left T0 in the pocket of T50 here, so T0 can be fetched although the table
+    // initially had none.
     let refused = |block: &str| ["g43 h0", "t0 m6"].contains(&block).then_some("G9999");
     let mut compared = 0;
     for (name, is_random) in [
@@ -183,7 +183,7 @@ fn lengths_of_tools_and_of_tool_0_are_those_of_linuxcnc() {
     assert!(compared >= 900, "{compared} values");
 }
 
-/// Numbers of tools that are not those of their pockets, with lengths measured by G10 L10 in between.
+/// Tool numbers that differ from their pocket numbers, with lengths measured by G10 L10 in between.
 #[test]
 fn tools_whose_numbers_are_not_their_pockets_are_those_of_linuxcnc() {
     let Some(folder) = linuxcnc() else { return };
@@ -266,9 +266,10 @@ fn names_of_tool_and_pocket_have_the_values_of_linuxcnc() {
                 let (word, value) = pair.trim().split_once('=').expect("an argument");
                 let value: f64 = value.parse().expect("a number");
                 let value = match (word, state) {
-                    // Its documentation says -1 as long as no T word has been read, as here; its 2.9 says 0.
+                    // Its documentation says -1 until a T word has been read, as here; its version 2.9 gives
+                    // 0.
                     ("selected_tool", "init") => -1.0,
-                    // An unknown tool is 0 here, which is none.
+                    // An unknown tool is 0 (none) here.
                     ("current_tool", _) => value.max(0.0),
                     _ => value,
                 };

@@ -10,16 +10,17 @@ use evolvent_tests::{Launch, Workshop, unless_disturbed, wait};
 
 /// Lines of the shorter and the longer program.
 const LINES: [u64; 2] = [20_000, 200_000];
-/// Resident memory that a run may take, kB.
+/// Maximum resident memory of a run, kB.
 const MAX_KB: u64 = 200_000;
-/// What ten times the lines may add, kB: what the allocator leaves unused, nothing that grows.
+/// Maximum increase for ten times the lines, kB: memory that the allocator does not reuse, nothing that
+/// grows.
 const GROWTH_KB: u64 = 20_000;
 
-/// Short cuts to and fro along a wave.
+/// Short lines to and fro along a wave.
 fn wave(lines: u64) -> String {
     let mut text = "G21 G90 G94 G64 P0.01 F6000\n".to_owned();
     for line in 0..lines {
-        // There and back over 200 mm in steps of 0.1 mm.
+        // To and fro over 200 mm in steps of 0.1 mm.
         let step = line % 4000;
         let x = if step < 2000 { step } else { 4000 - step } as f64 * 0.1;
         let y = (x * 0.3).sin() * 5.0;
@@ -28,7 +29,7 @@ fn wave(lines: u64) -> String {
     text + "M2\n"
 }
 
-/// Waits for the end of a process; gives the highest resident memory that was seen, in kB.
+/// Waits for the end of a process; returns the maximum resident memory, kB.
 fn watch_memory(process: &mut Child) -> u64 {
     let status = format!("/proc/{}/status", process.id());
     let mut most = 0;
@@ -54,7 +55,7 @@ fn memory_does_not_grow_with_the_length_of_a_program() {
             let summary = wait(running).expect_code(&[0]).json();
             println!("{lines} lines: {peak} kB, {} cycles", summary["cycles"]);
             assert_eq!(summary["outcome"], "done");
-            // Where a line says where the tool already is, nothing moves.
+            // A line whose target is the present position causes no motion.
             assert!(
                 summary["moves"].as_u64().expect("a count") >= lines - lines / 4000 - 1,
                 "{summary}"

@@ -1,5 +1,5 @@
-//! One name, one core: machines of different names run side by side, a second core of the same name is
-//! refused.
+//! One name, one core: machines with different names run concurrently, and a second core with the same name
+//! is rejected.
 
 use std::time::{Duration, Instant};
 
@@ -76,7 +76,7 @@ fn a_second_core_of_the_same_name_is_refused_and_moves_nothing() {
             first.try_wait().expect("a process").is_none(),
             "the first goes on"
         );
-        // It may still be planning, and a busy host takes its time.
+        // It may still be planning, and a busy host is slow.
         let (begin, patience) = (Instant::now(), Duration::from_secs(60));
         let (mut next, mut heard) = (None, 0);
         while heard < 50 && begin.elapsed() < patience {

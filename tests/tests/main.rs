@@ -1,4 +1,4 @@
-//! Tests across crates and with foreign clients, all in one executable.
+//! Tests across crates and with foreign clients, in one executable.
 
 mod bad_input;
 mod bridges;

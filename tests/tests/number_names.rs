@@ -1,4 +1,4 @@
-//! Names of public numbers: those that could be in several units end with theirs (ADR 67).
+//! Names of public numbers: a number that could be in several units ends with its unit (ADR 67).
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::fs;
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use evolvent_tests::repository;
 
-/// Words of quantities that the project meets in several units.
+/// Words for quantities that the project uses in several units.
 const QUANTITIES: &[&str] = &[
     "angle",
     "delay",
@@ -22,7 +22,7 @@ const QUANTITIES: &[&str] = &[
     "time",
     "timeout",
 ];
-/// Units, words of plain numbers, and that of derivatives, which are per another number.
+/// Units, words for plain numbers, and the word for derivatives, which are per another number.
 const UNITS: &[&str] = &[
     "deg",
     "error",
@@ -66,7 +66,7 @@ fn sources(folder: &Path, into: &mut Vec<PathBuf>) {
     }
 }
 
-/// Names of the `f64` fields, and of the `f64` parameters of functions, that are public.
+/// Names of the public `f64` fields, and of the `f64` parameters of public functions.
 fn numbers(text: &str) -> Vec<&str> {
     let text = text.split("#[cfg(test)]").next().unwrap_or_default();
     let mut names = Vec::new();
@@ -96,7 +96,7 @@ fn is_without_unit(name: &str) -> bool {
 fn public_numbers_name_their_unit() {
     let crates = repository().join("crates");
     let mut files = Vec::new();
-    // The names of arguments and of the screen's messages are their interface.
+    // The names of arguments and of messages of the screen are their interface.
     for folder in ["core", "program", "planning", "execution", "io", "process"] {
         for entry in fs::read_dir(crates.join(folder)).expect("a layer") {
             sources(&entry.expect("a crate").path().join("src"), &mut files);

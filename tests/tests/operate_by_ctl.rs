@@ -1,5 +1,4 @@
-//! `evolvent ctl` as an operator uses it: interrupted, in a crowd, after a mistake, in the middle of a
-//! program.
+//! `evolvent ctl` as an operator uses it: interrupted, with many clients, after a mistake, during a program.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::process::Stdio;
@@ -11,7 +10,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 const STOPPED: u32 = 2;
 
-/// `evolvent ctl` on a scene's machine.
+/// `evolvent ctl` for the machine of a scene.
 fn ctl(scene: &Scene, words: &[&str]) -> std::process::Command {
     let mut command = evolvent();
     command
@@ -55,7 +54,7 @@ fn a_signal_to_ctl_stops_the_axes_that_it_moves() {
             let child = ctl(&scene, &words).spawn().expect("the binary to start");
             let pid = Pid::from_raw(child.id().cast_signed()).expect("a process");
             let moving = operator.waits("motion", |status| status.velocity.iter().any(|v| v.abs() > 5.0));
-            // `timeout` sends one to the process and one to its group: that is one request.
+            // `timeout` sends one signal to the process and one to its group: that is one request.
             kill_process(pid, signal).expect("a living process");
             std::thread::sleep(Duration::from_millis(2));
             // It may have ended by now.
@@ -80,7 +79,7 @@ fn a_signal_to_ctl_stops_the_axes_that_it_moves() {
     });
 }
 
-/// Whoever waits for the end of a motion must not take a stop for it.
+/// A client that waits for the end of a motion must not take a stop for it.
 #[test]
 fn a_job_that_somebody_else_stops_is_not_done() {
     unless_disturbed(|| {
@@ -145,7 +144,7 @@ fn an_emergency_stop_gets_through_a_crowd_of_screens() {
         operator.says_number("MODE", 2);
         let job = operator.says_text("MDI", "G1 X300 F1200").job;
         operator.waits("motion", |status| speed_of(&status.velocity) > 5.0);
-        // Every screen, reader and command client that there may be.
+        // The maximum number of screens, readers and command clients.
         let bus = scene.domain.client(scene.name());
         let screens: Vec<_> = std::iter::from_fn(|| bus.status().ok()).take(100).collect();
         let readers: Vec<_> = std::iter::from_fn(|| bus.setpoints().ok()).take(100).collect();
@@ -186,7 +185,7 @@ fn what_is_started_is_named_and_never_the_program_before() {
         done(&scene, &["load", &good]).expect_code(&[0]);
         let started = done(&scene, &["start", "--wait"]).expect_code(&[0]);
         assert!(started.out.contains(&good), "{}", started.out);
-        // Neither a program with errors nor one that is not there leaves the old one to be started unseen.
+        // Neither a program with errors nor a missing one leaves the old one to be started unnoticed.
         for wrong in [bad.as_str(), "/nowhere/at-all.ngc"] {
             done(&scene, &["load", wrong]).expect_code(&[1]);
             let before = operator.now();
@@ -276,7 +275,7 @@ fn few_descriptors_are_named_and_not_blamed_on_the_core() {
         &scene.domain.prefix,
         "status",
     ];
-    // What this process inherited is closed first: with it, ten may not be enough to load the executable.
+    // Inherited descriptors are closed first: with them, ten may not be enough to load the executable.
     let close = "for file in /proc/$$/fd/*; do n=${file##*/}; (( n > 2 )) && eval \"exec $n>&-\"; done";
     let mut shell = std::process::Command::new("bash");
     shell
@@ -294,7 +293,7 @@ fn few_descriptors_are_named_and_not_blamed_on_the_core() {
     scene.end();
 }
 
-/// Below 0 first: NaN would jog until the end of the travel.
+/// Values below 0 come first: an accepted NaN would jog until the end of the travel.
 #[test]
 fn a_jog_for_no_number_of_seconds_is_refused_before_anything_moves() {
     unless_disturbed(|| {

@@ -1,4 +1,4 @@
-//! Commands to a machine that is served: refused, MDI, stale, senseless.
+//! Commands to a served machine: rejected, MDI, stale, invalid.
 
 use std::cell::Cell;
 use std::time::Duration;
@@ -60,7 +60,7 @@ fn mdi_remembers_modes_moves_and_is_refused_before_anything_moves() {
             "G91 is remembered"
         );
         assert!(status.modal.contains(&910));
-        // The motion too: a rapid would be ten times as fast.
+        // Also the motion: a rapid would be ten times as fast.
         while operator.setpoints.receive().expect("setpoints").is_some() {}
         let job = operator.says_text("MDI", "X10").job;
         let (mut top, begun): (f64, _) = (0.0, Cell::new(false));
@@ -88,7 +88,7 @@ fn mdi_remembers_modes_moves_and_is_refused_before_anything_moves() {
     });
 }
 
-/// A machine in inches, as LinuxCNC starts one. M2 leaves the units as they are, as there; RESET is a new
+/// A machine in inches, as LinuxCNC starts one. M2 does not change the units, as in LinuxCNC; RESET is a new
 /// start.
 #[test]
 fn mdi_starts_in_the_units_of_the_machine() {
@@ -141,10 +141,10 @@ fn parameters_of_mdi_count_for_later_blocks_and_not_for_programs() {
             (at[0] + 7.5).abs() < 1e-9 && (at[1] + 4.0).abs() < 1e-9 && (at[2] + 2.0).abs() < 1e-9,
             "{at:?}"
         );
-        // Three times a third is one, to the bit.
+        // Three times a third is exactly one.
         assert_eq!(block("#101 = [#100 + [#1 * 3 EQ 1]]").job_result, DONE);
         assert!((block("G0 X[-#101]").position_machine[0] + 8.5).abs() < 1e-9);
-        // What was never set is an error as before, and a block with an error changes nothing.
+        // A parameter that was never set is an error as before, and a block with an error changes nothing.
         let mut wrong = command("MDI");
         assert!(wrong.set_text("#100 = 1 G0 X#<height>"));
         assert_eq!(operator.ask(&wrong).alarm, 923);
@@ -178,7 +178,7 @@ fn stale_serials_rubbish_and_floods_change_nothing() {
             ..command("FEED_OVERRIDE")
         };
         let patience = Duration::from_secs(60);
-        // Not by `..good`: this compiler breaks on it in a closure.
+        // Not by `..good`: this compiler fails on it in a closure.
         let numbered = |client: u64, serial: u64| {
             let mut request = good;
             (request.client, request.serial) = (client, serial);
@@ -208,7 +208,7 @@ fn stale_serials_rubbish_and_floods_change_nothing() {
             assert_ne!(answer.verdict, 0, "{kind}");
             assert_eq!((answer.client, answer.serial), (request.client, request.serial));
         }
-        // Commands that are none, as fast as they can be sent, nobody waiting for an answer.
+        // Invalid commands, as fast as they can be sent, without waiting for replies.
         for k in 0..3_000 {
             let request = ControlRequest {
                 command: 1_000 + k,

@@ -1,4 +1,4 @@
-//! Jogs of a machine that is served, over the real bus and in real time.
+//! Jogs of a served machine, over the real bus and in real time.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::process::Stdio;
@@ -11,9 +11,9 @@ use evolvent_tests::{Operator, Scene, command, evolvent, unless_disturbed};
 const DONE: u32 = 1;
 const STOPPED: u32 = 2;
 const X_ONLY: u32 = 1;
-/// How often a jog is tried that a slow host may end early.
+/// Number of attempts at a jog that a slow host may end early.
 const TRIALS: usize = 20;
-/// Stops in time, in a row, that show that the dead-man works.
+/// Number of consecutive stops in time that show that the dead-man switch works.
 const IN_A_ROW: u32 = 5;
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -23,8 +23,7 @@ fn a_jog_whose_client_is_killed_stops_within_a_tenth_of_a_second() {
         let scene = Scene::new("op-jog");
         let mut operator = scene.operator();
         operator.brings_up();
-        // A busy host can make a stop late, and the moment of the kill one early: several in a row have to be
-        // in time.
+        // A busy host can make a stop late, and the kill early: several consecutive ones have to be in time.
         let (mut late, mut in_time) = (Vec::new(), 0);
         for _ in 0..TRIALS {
             let Some(begins_ms) = stop_behind_a_kill(&scene, &mut operator) else {
@@ -48,8 +47,8 @@ fn a_jog_whose_client_is_killed_stops_within_a_tenth_of_a_second() {
     });
 }
 
-/// ms from the death of a jog's client to the first setpoint that brakes. `None` where the jog had ended
-/// before: its client was kept from running for longer than the dead-man waits.
+/// ms from the death of a jog's client to the first setpoint that brakes. `None` if the jog had ended before:
+/// its client was suspended for longer than the dead-man timeout.
 fn stop_behind_a_kill(scene: &Scene, operator: &mut Operator) -> Option<f64> {
     let mut jogger = evolvent()
         .args([
@@ -78,7 +77,7 @@ fn stop_behind_a_kill(scene: &Scene, operator: &mut Operator) -> Option<f64> {
         assert!(begin.elapsed() < PATIENCE, "no jog");
         std::thread::sleep(Duration::from_millis(2));
     }
-    // Longer than the dead-man's patience: it is kept going.
+    // Longer than the dead-man timeout: the jog is renewed.
     std::thread::sleep(Duration::from_millis(400));
     while operator.setpoints.receive().expect("setpoints").is_some() {}
     let killed_ns = MonotonicClock::now_ns();
@@ -118,7 +117,7 @@ fn an_increment_ends_where_it_should_and_a_jog_ends_at_the_soft_limit() {
         let answer = operator.ask(&jog);
         assert_eq!((answer.verdict, answer.alarm), (1, 919));
         assert!(answer.text().contains("112.5"), "{}", answer.text());
-        // Continuous, with the dead-man kept until it is at the end of the travel.
+        // Continuous, renewed until it is at the end of the travel.
         let mut jog = ControlRequest {
             axes_mask: X_ONLY,
             amount: 400.0,
@@ -127,7 +126,7 @@ fn an_increment_ends_where_it_should_and_a_jog_ends_at_the_soft_limit() {
         jog.values[0] = -1.0;
         let begin = Instant::now();
         let mut result = STOPPED;
-        // Stopped: the host was slower than the dead-man. From there on it goes again.
+        // Stopped: the host was slower than the dead-man timeout. It continues from there.
         while result == STOPPED && begin.elapsed() < PATIENCE {
             let job = operator.does(&jog).job;
             result = 0;
@@ -146,7 +145,7 @@ fn an_increment_ends_where_it_should_and_a_jog_ends_at_the_soft_limit() {
     });
 }
 
-/// A jog that is accepted while STOP brakes the one before would end with it and not move.
+/// A jog that were accepted while STOP brakes the previous one would end with it and not move.
 #[test]
 fn no_jog_is_accepted_while_stop_brakes() {
     unless_disturbed(|| {
@@ -172,15 +171,15 @@ fn no_jog_is_accepted_while_stop_brakes() {
     });
 }
 
-/// A jog without distance under way once freed of its dead-man switch ran to the end of the travel at the
-/// full speed of its axis.
+/// Formerly a jog without distance ran to the end of the travel at full speed once it had lost its dead-man
+/// switch.
 #[test]
 fn an_increment_stops_a_jog_without_distance_and_counts_from_where_its_axis_stops() {
     unless_disturbed(|| {
         let scene = Scene::new("op-add");
         let mut operator = scene.operator();
         operator.brings_up();
-        // Another axis, and the same the other way.
+        // Another axis, and the same axis in the other direction.
         for (axis, distance) in [(1, 1.0), (0, -1.0)] {
             let before = operator.now().position_machine;
             let mut jog = ControlRequest {
@@ -202,7 +201,7 @@ fn an_increment_stops_a_jog_without_distance_and_counts_from_where_its_axis_stop
             increment.values[axis] = distance;
             while operator.setpoints.receive().expect("setpoints").is_some() {}
             let answer = operator.ask(&increment);
-            // The host was slower than the dead-man switch.
+            // The host was slower than the dead-man timeout.
             if answer.verdict != 0 || answer.job != job {
                 operator.waits("rest", |status| status.activity == 0);
                 continue;
@@ -244,7 +243,7 @@ fn a_jog_turns_round_in_motion_without_standing_longer_than_a_cycle() {
     });
 }
 
-/// Whether the jog was turned before the dead-man stopped it.
+/// Whether the jog was reversed before the dead-man switch stopped it.
 fn turns_round(operator: &mut Operator) -> bool {
     let jog = |direction: f64, speed: f64| {
         let mut jog = command("JOG");

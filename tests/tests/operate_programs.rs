@@ -1,4 +1,4 @@
-//! Programs on a machine that is served, over the real bus and in real time.
+//! Programs on a served machine, over the real bus and in real time.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::cell::Cell;
@@ -13,7 +13,7 @@ const DONE: u32 = 1;
 const STOPPED: u32 = 2;
 const X_ONLY: u32 = 1;
 
-/// What somebody saw who read every setpoint: differences of the published positions of all axes.
+/// Measurements of a reader of every setpoint: differences of the published positions of all axes.
 #[derive(Debug, Default)]
 struct Seen {
     count: u64,
@@ -45,7 +45,7 @@ impl Watcher {
             let mut seen = Seen::default();
             let mut past: Vec<[f64; 9]> = Vec::new();
             loop {
-                // What came before it was told to stop is read.
+                // Setpoints from before the stop request are still read.
                 let is_over = stopped.load(Ordering::Relaxed);
                 let Some(setpoint) = reader.receive().expect("setpoints") else {
                     if is_over {
@@ -121,7 +121,7 @@ fn a_program_is_started_held_resumed_overridden_and_stopped_and_setpoints_never_
         let stopped = operator.sees_end(job);
         assert_eq!((stopped.job_result, stopped.activity), (STOPPED, 0));
 
-        // From the first to the last: no number missing, no place left out.
+        // From the first to the last: no number is missing, no position is skipped.
         let seen = watcher.end();
         let cycles = stopped.cycles - begin.cycles;
         assert!(seen.count >= cycles && seen.lost == 0, "{seen:?} of {cycles}");
@@ -198,7 +198,7 @@ fn a_long_program_is_checked_as_a_whole_before_it_starts() {
             .workshop
             .write("bad.ngc", format!("{start}G1 X9999\n{body}M2\n"));
         operator.says_text("LOAD", bad.to_str().expect("UTF-8"));
-        // Refused until it is checked, and then for what is wrong: nothing moves.
+        // Rejected until it is checked, and then for its errors: nothing moves.
         let refused = loop {
             let answer = operator.ask(&command("START"));
             assert_ne!(answer.verdict, 0, "started");
@@ -230,7 +230,7 @@ fn a_long_program_is_checked_as_a_whole_before_it_starts() {
         assert_eq!(answer.verdict, 0, "{}", answer.text());
         operator.says("STOP");
         operator.sees_end(answer.job);
-        // Another work offset is another place: it is checked again, and leaves the travel now.
+        // Another work offset means other positions: the program is checked again, and now leaves the travel.
         let mut offset = command("WORK_OFFSET");
         (offset.index, offset.axes_mask, offset.values[0]) = (0, X_ONLY, 399.5);
         operator.does(&offset);
@@ -273,7 +273,7 @@ fn a_short_program_with_a_long_loop_is_checked_as_a_whole_before_it_starts() {
         assert!(refused.text().contains("line 24"), "{}", refused.text());
         assert_eq!(operator.now().job, 0, "nothing moves");
 
-        // An endless program can be started; the answer says how far it was checked.
+        // An endless program can be started; the reply says how far it was checked.
         let endless = write("endless.ngc", "o1 while [1]", "o1 endwhile");
         operator.says_text("LOAD", endless.to_str().expect("UTF-8"));
         assert_eq!(
@@ -332,14 +332,14 @@ fn single_step_runs_block_by_block_and_program_stops_wait() {
             });
         }
         assert_eq!(operator.sees_end(job).job_result, DONE);
-        // Behind each line that moves, M0 and M1 once, and X20 is never driven.
+        // After each line that moves; M0 and M1 stop once each, and X20 is never driven.
         assert_eq!(places, [(5.0, 0.0), (5.0, 5.0), (0.0, 5.0)]);
         drop(operator);
         scene.end();
     });
 }
 
-/// Follows setpoints until the machine is held; gives the one with this number, the first that brakes, and
+/// Follows setpoints until the machine is held; returns the one with this number, the first that brakes, and
 /// the last.
 fn sees_hold(operator: &mut Operator, number: u64) -> [Setpoint; 3] {
     let (mut told, brakes) = (None, Cell::new(None));
@@ -355,8 +355,8 @@ fn sees_hold(operator: &mut Operator, number: u64) -> [Setpoint; 3] {
                 brakes.set(Some(*setpoint));
             }
         },
-        // The answer names the setpoint that the control thread knew of: the next may still be of the hold
-        // before.
+        // The reply names the setpoint that the control thread knew: the next may still belong to the
+        // previous hold.
         |setpoint| setpoint.sequence > number && setpoint.state == 3 && brakes.get().is_some(),
     );
     let brakes = brakes.get().expect("a braking one");
@@ -368,7 +368,7 @@ fn single_step_in_a_running_program_holds_a_braking_distance_into_the_next_line(
     unless_disturbed(|| {
         let scene = Scene::new("op-step-late");
         let mut operator = scene.operator();
-        // Lines 2 to 9 go straight on, 20 mm each; line 11 is a cycle of several moves.
+        // Lines 2 to 9 go straight on, 20 mm each; line 11 is a canned cycle of several moves.
         let mut text = "G21 G90 G61 F1200\n".to_owned();
         for line in 2..=9 {
             text += &format!("G1 X{}\n", 20 * (line - 1));
@@ -382,9 +382,8 @@ fn single_step_in_a_running_program_holds_a_braking_distance_into_the_next_line(
         operator.waits("line 3", |status| status.line >= 3);
         let mut answer = operator.says_number("SINGLE_STEP", 1);
         let mut place = [0.0; 9];
-        // From a feed of v with a jerk of j, without reaching the acceleration limit: v sqrt(v / j). The plan
-        // that brakes is asked for 10 ms ahead, and a planner on a busy host answers late, the third time at
-        // the latest.
+        // From a feed of v with a jerk of j, without reaching the acceleration limit, the distance is v
+        // sqrt(v / j). The bound leaves 30 ms at the feed.
         let (feed, jerk) = (20.0_f64, 200_000.0);
         let least_mm = feed * (feed / jerk).sqrt();
         let most_mm = least_mm + 3.0 * 0.010 * feed;
@@ -395,7 +394,7 @@ fn single_step_in_a_running_program_holds_a_braking_distance_into_the_next_line(
             let begin = 20.0 * f64::from(line - 2);
             assert!(brakes.position[0] >= begin, "{brakes:?}");
             let way = held.position[0] - brakes.position[0];
-            // The first that brakes has a step behind it.
+            // The first setpoint that brakes has already made one step of the stop.
             assert!(
                 (0.85 * least_mm..most_mm).contains(&way),
                 "{way}, not {least_mm} to {most_mm}"
@@ -494,7 +493,7 @@ fn the_rapid_override_slows_rapids_and_leaves_feeds_alone() {
     });
 }
 
-/// A dwell of known length, held for a while; then stopped, loaded anew, and MDI.
+/// A dwell of known length, held for a while; then stopped, loaded again, and MDI.
 #[test]
 fn parts_and_the_time_of_the_program_are_counted() {
     unless_disturbed(|| {
@@ -523,7 +522,7 @@ fn parts_and_the_time_of_the_program_are_counted() {
             );
             assert_eq!(status.program_held_s, 0.0);
         }
-        // One that is held, and then stopped, is no part.
+        // A part that is held and then stopped is not counted.
         operator.says_number("MODE", 2);
         let mdi = operator.says_text("MDI", "G0 X0").job;
         assert_eq!(operator.sees_end(mdi).job_result, DONE);

@@ -1,4 +1,4 @@
-//! A machine that is served as a service: what it keeps, whom it tells, what it records, and how it ends.
+//! A machine that is served as a service: what it saves, notifies and records, and how it ends.
 
 use std::process::Stdio;
 use std::time::{Duration, Instant};
@@ -74,7 +74,7 @@ fn the_first_signal_stops_on_the_path_and_ends_and_every_command_is_in_the_trace
         });
         operator.waits("less", |status| status.feed_mm_s < 75.0);
         let finished = {
-            // `timeout` sends one to the process and one to its group: that is one request.
+            // `timeout` sends one signal to the process and one to its group: that is one request.
             served.signal(rustix::process::Signal::TERM);
             std::thread::sleep(Duration::from_millis(2));
             served.signal(rustix::process::Signal::TERM);
@@ -110,7 +110,7 @@ fn the_first_signal_stops_on_the_path_and_ends_and_every_command_is_in_the_trace
         ] {
             assert!(commands.contains(&expected), "{expected}: {commands:?}");
         }
-        // The override counts from the cycle that the event names.
+        // The override takes effect in the cycle that the event names.
         let event = events
             .iter()
             .find(|event| event.text == "feed override 70.0 %")

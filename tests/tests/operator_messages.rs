@@ -1,4 +1,4 @@
-//! What the status tells the operator, when, and for how long.
+//! Messages of the status to the operator: their contents and duration.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_bus::{ControlRequest, Status};
@@ -29,7 +29,7 @@ fn messages_come_where_the_program_has_them() {
         let text = "G21 G90 F6000\nG1 X10\n(MSG, flip the part)\nM0\nG1 X5\nM0 (MSG, measure)\nG1 X2\n\
                     (MSG, wait for the glue)\nG4 P0.6\nG1 X0\n(MSG, part done)\nM2\n";
         let (mut operator, mut job) = starts(&scene, text);
-        // A series of parts: each run says the same again.
+        // A series of parts: each run prints the same message again.
         for part in 0..3 {
             let first = stands_at(&mut operator, 4);
             assert_eq!(first.operator_message(), "flip the part", "part {part}");
@@ -69,7 +69,7 @@ fn a_request_ends_with_the_stop_that_it_is_about() {
         });
         assert_eq!(cut.operator_message(), "");
         stands_at(&mut operator, 5);
-        // Jogged away from the program, and then the job is ended.
+        // Jogged away from the program, after which the job is ended.
         let mut jog = ControlRequest {
             axes_mask: 0b10,
             amount: 20.0,

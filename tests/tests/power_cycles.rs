@@ -1,4 +1,4 @@
-//! OFF, and ON soon after it: the machine is on again, whatever drives it.
+//! OFF, and ON shortly after it: the machine is on again, with any drives.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::Path;
@@ -15,22 +15,22 @@ use evolvent_tests::{
 const ON: u32 = 2;
 const DONE: u32 = 1;
 const TIMES: u32 = 50;
-/// A bridge that is suspended for ten periods brakes by itself, as it must: three quarters of that explain
-/// it.
+/// A bridge that is suspended for ten periods brakes on its own, as it must: a pause of three quarters of
+/// that explains it.
 const SUSPENDED: Duration = Duration::from_millis(30);
 
-/// Switches off and on, 0 to 50 ms apart; some of the times an axis moves at once.
+/// Switches off and on, 0 to 50 ms apart; in some cases an axis moves at once.
 fn switches_off_and_on(operator: &mut Operator, random: &mut Random) {
     operator.brings_up();
     operator.says_number("MODE", 1);
     for time in 0..TIMES {
         operator.says("OFF");
-        // A fifth of them as soon as the command is accepted.
+        // One case in five moves as soon as the command is accepted.
         if time % 5 != 0 {
             std::thread::sleep(Duration::from_secs_f64(random.between(0.0, 0.05)));
         }
         operator.says("ON");
-        // A status from before may still say that it is on.
+        // An earlier status may still report that it is on.
         let ordered_ns = MonotonicClock::now_ns();
         let status = operator.waits("power", |status| {
             status.time_ns > ordered_ns && (status.machine_state == ON || status.alarm_count > 0)
@@ -63,7 +63,7 @@ fn assert_on(status: &Status, time: u32) {
     );
 }
 
-/// A served machine with drives that `start` gives it.
+/// A served machine with drives that `start` creates for it.
 fn serve<D>(machine: &Path, name: &str, workshop: &Workshop, start: impl FnOnce(&Domain) -> D) {
     let domain = Domain::new();
     let _served = Served::start(machine, name, &domain, &workshop.path("state"), &[]);

@@ -56,7 +56,7 @@ impl Shop {
         Drives::start(&self.machine, &self.domain, &["--probe", probe])
     }
 
-    /// Somebody in MDI, with the machine on.
+    /// An operator in MDI, with the machine on.
     fn operator(&self) -> Operator {
         let mut operator = Operator::join(self.name, &self.domain);
         operator.waits("drives", |status| status.feedback_age_ns < u64::MAX);
@@ -96,7 +96,7 @@ fn a_bore_is_measured_and_its_points_are_logged() {
         let shop = Shop::new("pr-bore");
         let trace = shop.workshop.path("bore.mcap");
         let served = shop.serves(&[&format!("--trace={}", trace.display())]);
-        // Centre X5 Y-4, diameter 30, below Z-3: contacts are told 3 ms late, with their true time.
+        // Centre X5 Y-4, diameter 30, below Z-3: contacts are reported 3 ms late, with their true time.
         let _drives = shop.drives("bore:5,-4,30,-3;delay=3");
         let mut operator = shop.operator();
         let program = shop.workshop.write(
@@ -119,12 +119,12 @@ M2
         let job = operator.says("START").job;
         let tripped = operator.waits("contact", |status| status.switches & switches::PROBE_TRIPPED != 0);
         assert_eq!(tripped.switches & switches::PROBE_OPEN, 0);
-        // Nobody sees a file that is being written.
+        // A file that is being written is not visible.
         assert!(!shop.workshop.path("results/points.txt").exists());
         let status = operator.sees_end(job);
         assert_eq!(status.job_result, DONE, "{}", status.alarm_sentence());
         assert!(status.switches & switches::PROBE_OPEN != 0);
-        // At 60 mm/min the drives follow within micrometres, and a period at this feed is none.
+        // At 60 mm/min the drives follow within micrometres, and the motion in one period is negligible.
         for (found, expected) in shop.numbers("bore.txt").iter().zip([5.0, -4.0, 30.0]) {
             assert!((found - expected).abs() < 0.01, "{found} is not {expected}");
         }
@@ -145,7 +145,7 @@ M2
     });
 }
 
-/// Without them `G0 Z[#5063+2]` went to Z 2, not to 2 mm above the contact.
+/// Formerly `G0 Z[#5063+2]` moved to Z 2 instead of 2 mm above the contact.
 #[test]
 fn what_the_probe_has_found_counts_in_the_next_block_of_mdi() {
     unless_disturbed(|| {
@@ -169,7 +169,7 @@ fn what_the_probe_has_found_counts_in_the_next_block_of_mdi() {
         does(&mut operator, "G0 Z[#5063+2]");
         let at = operator.now().position_machine[2];
         assert!((at + 3.0).abs() < 0.05, "Z {at}");
-        // They last until the next probing move.
+        // They are kept until the next probing move.
         does(&mut operator, "G0 Z[#5063+#5070+2]");
         let at = operator.now().position_machine[2];
         assert!((at + 2.0).abs() < 0.05, "Z {at}");
@@ -180,7 +180,7 @@ fn what_the_probe_has_found_counts_in_the_next_block_of_mdi() {
     });
 }
 
-/// Between contact and rapid the axes rest, and when the planner knows of the rapid is a matter of its speed.
+/// Between contact and rapid the axes are at rest, and when the planner knows the rapid depends on its speed.
 #[test]
 fn a_rapid_after_a_contact_is_computed_again_bit_for_bit() {
     unless_disturbed(|| {
@@ -216,7 +216,7 @@ fn what_a_contact_is_late_by_is_feed_times_time() {
             does(&mut operator, "G21 G0 Z-2");
             does(&mut operator, "(PROBEOPEN plane.txt) G38.2 Z-15 F300");
             found.push(shop.numbers("plane.txt")[2]);
-            // Tripped already: an error, and nothing moves.
+            // Already tripped: an error, and nothing moves.
             let before = operator.now().position_machine;
             let job = operator.does(&mdi("G38.2 Z-15 F300")).job;
             let status = operator.sees_end(job);
@@ -229,11 +229,11 @@ fn what_a_contact_is_late_by_is_feed_times_time() {
             operator.says("CLEAR_ALARMS");
             does(&mut operator, "G38.4 Z0 F300");
             does(&mut operator, "G0 Z0");
-            // No contact; too fast for the way that is left behind it; beyond the travel.
+            // No contact; too fast for the remaining distance; beyond the travel.
             let job = operator.does(&mdi("G38.2 Z-4 F300")).job;
             let status = operator.sees_end(job);
             assert_eq!(status.job_result, FAILED);
-            // The block has one line, whatever was put before it.
+            // The block has one line, whatever was inserted before it.
             let sentence = status.alarm_sentence();
             assert!(
                 sentence.starts_with("line 1: ") && sentence.contains("without contact"),
@@ -248,7 +248,7 @@ fn what_a_contact_is_late_by_is_feed_times_time() {
                 assert_eq!(refused.alarm, alarm, "{}", refused.text());
                 assert!(refused.text().contains(word), "{}", refused.text());
             }
-            // Files elsewhere are refused before anything moves.
+            // Files in other folders are rejected before anything moves.
             let refused = operator.ask(&mdi("(LOGOPEN,../elsewhere.txt)"));
             assert_eq!(refused.alarm, BAD_PROGRAM, "{}", refused.text());
             drop(operator);

@@ -1,7 +1,8 @@
-//! The shipped programs on the shipped mill: golden summaries, and what must hold whatever the summary says.
+//! The shipped programs on the shipped mill: golden summaries, and properties that hold whatever the summary
+//! says.
 //!
 //! After a change of the planner: `EVOLVENT_REGENERATE=1 cargo test -p evolvent-tests real_programs::`, and
-//! look at the difference before it is committed.
+//! review the difference before committing it.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::fs;
@@ -38,8 +39,8 @@ const LIMITS: [[f64; 3]; 3] = [
 ];
 /// Travel of its axes, mm.
 const TRAVEL: [[f64; 2]; 3] = [[-400.0, 400.0], [-250.0, 250.0], [-400.0, 100.0]];
-/// Bit of a setpoint's flags: at a step of curvature in exact-path mode, where the joint time bounds the
-/// acceleration's step and so the jerk.
+/// Bit of the flags of a setpoint: at a step of curvature in exact-path mode, where the joint time bounds the
+/// step of acceleration and so the jerk.
 const JOINT: u32 = 1 << 4;
 
 fn round(value: &Value, digits: i32) -> Value {
@@ -106,7 +107,7 @@ fn plans_of_the_shipped_programs_are_those_on_file() {
     }
 }
 
-/// What the trace's positions alone say, and that the summary says the same.
+/// Properties of the positions in the trace, and that the summary reports the same values.
 #[test]
 fn shipped_programs_keep_limits_travel_tolerance_and_end() {
     let machine = repository().join("config/machines/mill-3axis.toml");
@@ -181,8 +182,8 @@ fn shipped_programs_keep_limits_travel_tolerance_and_end() {
     }
 }
 
-/// Greatest magnitudes of the first three differences of positions, from rest before the first to rest after
-/// the last; third differences that touch a step of curvature in exact-path mode are left out.
+/// Maximum magnitudes of the first three differences of positions, from rest before the first to rest after
+/// the last, without third differences that include a step of curvature in exact-path mode.
 fn extremes(cycles: &[Cycle], axis: usize, period_s: f64) -> [f64; 3] {
     let first = cycles.first().expect("cycles");
     let last = cycles.last().expect("cycles");

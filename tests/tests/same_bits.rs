@@ -1,4 +1,4 @@
-//! The same program on the same machine gives the same setpoints, bit for bit, whatever the clock.
+//! The same program on the same machine gives the same setpoints, bit for bit, with any clock.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use evolvent_tests::{
     Cycle, Domain, Finished, Launch, Workshop, cycles, evolvent, repository, unless_disturbed,
 };
 
-/// Everything of a cycle that was computed and not measured, as bits.
+/// Every computed (not measured) field of a cycle, as bits.
 fn bits(cycle: &Cycle) -> Vec<u64> {
     let vectors = [cycle.position, cycle.velocity, cycle.acceleration, cycle.jerk];
     let numbers = [cycle.path_mm, cycle.feed_mm_s, cycle.override_];
@@ -69,7 +69,7 @@ fn two_virtual_runs_of_every_shipped_program_give_the_same_bits() {
     }
 }
 
-/// Planning is a run that nobody hears of: its table holds the setpoints of the run, to the last digit.
+/// A plan is a run without listeners: its table contains the setpoints of the run, to the last digit.
 #[test]
 fn the_table_of_a_plan_holds_the_setpoints_of_the_run() {
     let workshop = Workshop::new();

@@ -1,4 +1,4 @@
-//! The page of the screen: the committed build is what its sources give, and a browser operates it.
+//! The page of the screen: the committed build matches its sources, and a browser operates it.
 #![expect(
     clippy::print_stdout,
     clippy::expect_used,
@@ -19,8 +19,8 @@ use evolvent_runtime::MonotonicClock;
 use evolvent_tests::{Domain, Scene, Served, Workshop, evolvent, repository};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// Runs a command at the root of the repository and hands on what it says; whether it was left out for want
-/// of npm or a browser.
+/// Runs a command at the root of the repository and prints its output. Returns whether it was skipped for
+/// lack of npm or a browser.
 fn measured(command: &mut Command) -> bool {
     let output = command
         .current_dir(repository())
@@ -33,7 +33,7 @@ fn measured(command: &mut Command) -> bool {
     !said.contains("not measured")
 }
 
-/// Whether the page can be built and a browser runs it. The first call installs what that needs.
+/// Whether the page can be built and a browser is available. The first call installs what is needed.
 fn is_buildable() -> bool {
     static BUILDABLE: OnceLock<bool> = OnceLock::new();
     *BUILDABLE.get_or_init(|| measured(Command::new(repository().join("tools/build-page")).arg("--check")))
@@ -42,7 +42,7 @@ fn is_buildable() -> bool {
 #[test]
 fn the_committed_page_is_what_its_sources_give_and_a_browser_runs_it() {
     if is_buildable() {
-        // The others run on a machine, in the next test.
+        // The other cases run on a machine, in the next test.
         let _said =
             measured(Command::new("node").args(["crates/app/screen/page/tests/made-up.mjs", "--rest"]));
     }
@@ -53,13 +53,13 @@ fn a_browser_operates_a_machine_by_the_page() {
     if !is_buildable() {
         return;
     }
-    // Browser and tests beside it keep the simulated drives waiting; how soon their silence is noticed is
-    // tested elsewhere.
+    // Browser and concurrent tests delay the simulated drives; how soon their silence is noticed is tested
+    // elsewhere.
     let patience = [("feedback_timeout_ms = 20 ", "feedback_timeout_ms = 200 ")];
     let options = ["--screen=127.0.0.1:0", "--trace-limit=1"];
     let mut scene = Scene::with_changes("screen-page", &patience, &options);
     let [address, _] = scene.served.as_mut().expect("a core").screen();
-    // What pages show has passed through drives, as on a machine.
+    // The values on the page have passed through drives, as on a machine.
     let drives = scene.drives(&[]);
     let mut operator = scene.operator();
     operator.waits("the drives", |status| status.feedback_age_ns < 1_000_000_000);
@@ -72,7 +72,7 @@ fn a_browser_operates_a_machine_by_the_page() {
     drop(drives);
 }
 
-/// The words of `evolvent ctl` at a scene, as JSON: somebody else who commands it.
+/// The words of `evolvent ctl` for a scene, as JSON: another client that commands it.
 fn ctl(scene: &Scene) -> String {
     let binary = evolvent();
     let binary = binary.get_program().to_string_lossy();
@@ -87,7 +87,7 @@ fn ctl(scene: &Scene) -> String {
     serde_json::to_string(&words).expect("JSON")
 }
 
-/// A page that stays open; none without a browser. Its first line says that it is open.
+/// A page that stays open; `None` without a browser. Its first line says that it is open.
 fn staying(address: &str, texts: &[&str]) -> Option<(Child, BufReader<ChildStdout>)> {
     let mut command = Command::new("node");
     command
@@ -124,7 +124,7 @@ fn ends((mut child, mut said): (Child, BufReader<ChildStdout>)) {
     assert_eq!(rest, "ok\n");
 }
 
-/// The key of a service is new with every start: a page that is open must not connect again for ever.
+/// The key of a service changes with every start: an open page must not try to reconnect for ever.
 #[test]
 fn an_open_page_says_that_its_service_was_started_again_or_that_its_run_has_ended() {
     if !is_buildable() {
@@ -174,7 +174,7 @@ fn an_open_page_says_that_its_service_was_started_again_or_that_its_run_has_ende
     }
 }
 
-/// The cases against a page; macros are written beside the service's state.
+/// The cases against a page; macros are written next to the state of the service.
 fn against(address: &str, state: &Path) -> Command {
     let mut command = Command::new("node");
     command
@@ -219,7 +219,7 @@ fn inputs_of(domain: &Domain, name: &str, counts: PathBuf, is_over: Arc<AtomicBo
         let (mut sequence, mut count) = (0, 0.0);
         while !is_over.load(Ordering::Acquire) {
             let text = std::fs::read_to_string(&counts).unwrap_or_default();
-            // While the file is being written it is empty.
+            // The file is empty while it is being written.
             count = text.trim().parse().unwrap_or(count);
             sequence += 1;
             let mut message = MachineInputs {

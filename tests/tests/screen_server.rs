@@ -1,4 +1,4 @@
-//! The screen's server and the machine behind it, by clients that are not of this project.
+//! The server of the screen and the machine behind it, tested by foreign clients.
 #![expect(
     clippy::print_stdout,
     clippy::expect_used,
@@ -15,20 +15,20 @@ use evolvent_tests::{Operator, Scene, cycles, python, unless_disturbed, watched}
 use rustix::process::{Pid, Signal, kill_process};
 
 const STOPPED: u32 = 2;
-/// Trials that the host let run, each of which must stop in time; `EVOLVENT_JOGS` asks for more.
+/// Number of undisturbed trials, each of which must stop in time; `EVOLVENT_JOGS` sets more.
 const COUNTED: usize = 5;
-/// How often a jog is tried that a slow host may end early or keep waiting.
+/// Number of attempts at a jog that a slow host may end early or delay.
 const TRIALS: usize = 20;
-/// A trial during which the host kept this process or the core waiting for longer is not counted: it explains
-/// a stop that comes later than 100 ms after a patience of 90 ms.
+/// A trial during which the host suspended this process or the core for longer is not counted: that explains
+/// a stop later than 100 ms with a timeout of 90 ms.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// How a client of a jog is lost.
+/// The loss of a jog's client.
 #[derive(Clone, Copy, Debug)]
 enum Loss {
     /// The process is killed; its system closes the connection.
     Killed,
-    /// The process stands still; its connection stays.
+    /// The process is suspended; its connection stays open.
     Frozen,
     /// The connection is reset.
     Cut,
@@ -44,7 +44,7 @@ fn scene_with(name: &str, options: &[&str]) -> (Scene, [String; 2]) {
     (scene, addresses)
 }
 
-/// Whether a script of the suite ran; it says "ok" at its end.
+/// Whether a script of the suite ran; it prints "ok" at its end.
 fn client(words: &[&str]) -> Option<String> {
     let mut command = python("screen_client.py")?;
     let output = command.args(words).output().expect("Python to start");
@@ -105,7 +105,7 @@ fn a_jog_whose_page_is_killed_frozen_or_cut_stops_within_a_tenth_of_a_second() {
     scene.end();
 }
 
-/// A page that jogs; none without Python.
+/// A page that jogs; `None` without Python.
 fn jogger(address: &str) -> Option<Child> {
     let mut command = python("screen_client.py")?;
     let started = command
@@ -116,14 +116,14 @@ fn jogger(address: &str) -> Option<Child> {
     Some(started.expect("Python to start"))
 }
 
-/// ms from the loss of a jog's page to the first setpoint that brakes, and the latest that one of the
-/// setpoints came meanwhile. `None` where the jog had ended before.
+/// ms from the loss of a jog's page to the first setpoint that brakes, and the maximum lateness of the
+/// setpoints meanwhile. `None` if the jog had ended before.
 fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option<(f64, Duration)> {
     let mut said = BufReader::new(client.stdout.take().expect("its output")).lines();
     let began = said
         .next()
         .is_some_and(|line| line.is_ok_and(|line| line == "jogging"));
-    // Longer than the dead-man's patience: it is kept going.
+    // Longer than the dead-man timeout: the jog is renewed.
     std::thread::sleep(Duration::from_millis(400));
     let is_moving = operator.now().velocity[0] > 19.0;
     while operator.setpoints.receive().expect("setpoints").is_some() {}
@@ -149,13 +149,13 @@ fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option
     client.wait().expect("a process that ends");
     let status = operator.waits("rest", |status| status.activity == 0);
     assert_eq!(status.velocity[0], 0.0);
-    // Back, so that the travel suffices for many.
+    // Back, so that the travel suffices for many trials.
     operator.says_number("MODE", 2);
     let job = operator.says_text("MDI", "G53 G0 X0").job;
     operator.sees_end(job);
     let (slower, top, latest) = slower?;
     assert!(top < 20.01, "{top}");
-    // A jog that was not at its full speed any more had ended for a word of its page that came too late.
+    // A jog that was no longer at its full speed had ended because a message of its page came too late.
     if slower.state != 4 || slower.due_time_ns < lost_ns || top < 19.99 {
         return None;
     }
@@ -164,8 +164,8 @@ fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option
     Some((begins_ms, latest))
 }
 
-/// The server's own connections to the core are there before somebody presses: a jog that waits for one for
-/// 250 ms is refused.
+/// The server opens its connections to the core before anyone presses a button: a jog that waits 250 ms for
+/// one is rejected.
 #[test]
 fn the_first_jog_and_the_first_emergency_stop_of_a_service_are_accepted() {
     unless_disturbed(|| {
@@ -180,7 +180,7 @@ fn the_first_jog_and_the_first_emergency_stop_of_a_service_are_accepted() {
 
 #[test]
 fn leases_numbers_roles_hosts_origins_and_uploads_keep_their_rules() {
-    // A command that reaches the server late is refused, as it must be.
+    // A command that reaches the server late is rejected, as it must be.
     unless_disturbed(|| {
         let options = ["--screen=127.0.0.1:0", "--trace-limit=1"];
         let (scene, [address, watch]) = scene_with("screen-rules", &options);
@@ -235,12 +235,12 @@ fn a_page_has_the_certificate_that_it_is_given() {
     });
 }
 
-/// The machine stays in emergency stop: nothing of it may be taken for a command that moves.
+/// The machine stays in emergency stop: no message may be taken for a command that moves.
 #[test]
 fn ten_thousand_mutated_messages_and_random_bytes_do_no_harm() {
     let (scene, [address, _]) = scene("screen-hostile");
     let served = scene.served.as_ref().expect("a core").process();
-    // What is allocated once is there.
+    // One-time allocations have been made.
     let warm = client(&["hostile", &address, "2000", "1"]);
     let before = resident_kib(served);
     if warm.is_none() || client(&["hostile", &address, "10000", "7"]).is_none() {
@@ -285,7 +285,7 @@ fn twenty_pages_look_on_while_a_program_runs_and_those_that_do_not_read_hold_nob
             status.late_cycles, status.wake_lateness_max_ns
         );
         assert_eq!(status.activity, 1, "the program runs");
-        // 60 a second where the host has the time; a tenth of it tells that nobody waits for another.
+        // 60 per second if the host has the time; a tenth of it shows that no page waits for another.
         assert!(found["least_frames"].as_u64() > Some(48), "{said}");
         operator.says("STOP");
         operator.waits("rest", |status| status.activity == 0);
@@ -294,8 +294,8 @@ fn twenty_pages_look_on_while_a_program_runs_and_those_that_do_not_read_hold_nob
     });
 }
 
-/// Pairs of phases without and with twenty pages, and the length of each, s;
-/// `EVOLVENT_PHASES=20 EVOLVENT_PHASE_S=20` measures more.
+/// Number of pairs of phases without and with twenty pages, and the length of each, s; `EVOLVENT_PHASES=20
+/// EVOLVENT_PHASE_S=20` measures more.
 const PHASES: usize = 2;
 const PHASE_S: u64 = 4;
 
@@ -309,8 +309,7 @@ fn number_of(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |text| text.parse().expect("a number"))
 }
 
-/// Both run the same program, in turn and in one run of the service: what the host does to one it does to the
-/// other.
+/// Both run the same program, alternately and in one run of the service, so that the host affects both alike.
 #[test]
 fn cycles_are_as_late_with_twenty_pages_as_with_none() {
     unless_disturbed(|| {
@@ -337,7 +336,7 @@ fn cycles_are_as_late_with_twenty_pages_as_with_none() {
                 operator.says("START");
                 std::thread::sleep(Duration::from_secs(phase_s));
             }
-            // The last part of both, when the program runs and all are connected.
+            // The last part of both, in which the program runs and all are connected.
             let end_ns = unix_ns();
             phases.push((crowded, end_ns - phase_s * 800_000_000, end_ns));
             operator.says("STOP");
@@ -367,8 +366,8 @@ fn cycles_are_as_late_with_twenty_pages_as_with_none() {
     });
 }
 
-/// 192 of the 256 connections are for one address; one more is closed at once, and those that end can be used
-/// again.
+/// One address gets 192 of the 256 connections. Further ones are closed at once, and those that end can be
+/// used again.
 #[test]
 fn one_address_gets_three_quarters_of_the_connections() {
     unless_disturbed(|| {
@@ -381,7 +380,7 @@ fn one_address_gets_three_quarters_of_the_connections() {
             stream.set_read_timeout(timeout).expect("a timeout");
             stream
         };
-        // A connection that stays open gives nothing until the timeout.
+        // A connection that stays open sends nothing until the timeout.
         let is_open = |mut stream: &TcpStream| {
             let ended = stream.read(&mut [0]);
             ended.is_err_and(|error| error.kind() == std::io::ErrorKind::WouldBlock)

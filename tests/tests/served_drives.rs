@@ -1,4 +1,4 @@
-//! A machine that is served, with simulated drives that answer, fail, and die.
+//! A served machine with simulated drives that reply, fail, and die.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ const FAULT: u32 = 4;
 struct Scene {
     workshop: Workshop,
     machine: PathBuf,
-    // In the order in which they are to go.
+    // In the order in which they are dropped.
     drives: Option<Drives>,
     served: Option<Served>,
     domain: Domain,
@@ -25,17 +25,17 @@ impl Scene {
         Self::with_other_switches(name, homing, homing, drives)
     }
 
-    /// Drives whose home switches are not where the core looks for them.
+    /// Drives whose home switches are not where the core expects them.
     fn with_other_switches(name: &str, homing: &str, of_drives: &str, drives: &[&str]) -> Self {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let shipped = workshop.mill(name, &[]);
         let text = std::fs::read_to_string(shipped).expect("a machine file");
-        // A machine that others keep busy: what comes late is not what is tested here.
+        // For busy machines: lateness is not tested here.
         let text = text.replace("feedback_timeout_ms = 20", "feedback_timeout_ms = 1000");
         let machine = workshop.write(&format!("{name}.toml"), format!("{text}\n{homing}"));
         let state = workshop.path("state");
         let trace = workshop.path("served.mcap");
-        // One scene is recorded: disks of busy hosts make the others' drives lag.
+        // One scene is recorded: disks of busy hosts delay the drives of the others.
         let options: &[&str] = match name {
             "drv-home" => &["--trace", trace.to_str().expect("UTF-8")],
             _ => &[],
@@ -59,7 +59,7 @@ impl Scene {
         operator
     }
 
-    /// The trace, while the scene is there.
+    /// The trace, while the scene exists.
     fn trace(&self) -> PathBuf {
         self.workshop.path("served.mcap")
     }
@@ -96,12 +96,12 @@ fn homing_finds_machine_zero_however_wrong_the_encoders_were() {
             status.alarm_sentence()
         );
         for axis in [0, 2] {
-            // Latched at 5 mm/s: a sample of the drives and the way through the bus.
+            // Latched at 5 mm/s: one sample of the drives and the delay of the bus.
             let shift = status.home_offset[axis] - 7.25;
             assert!(shift.abs() < 0.1, "axis {axis}: {shift}");
             assert_eq!(status.position_machine[axis], 0.0);
         }
-        // The drives name positions as the core does now.
+        // The drives now use the coordinates of the core.
         let status = operator.waits("the drives at home", |status| {
             (0..3).all(|axis| (status.position_actual[axis] - status.position_machine[axis]).abs() < 0.01)
         });
@@ -111,7 +111,8 @@ fn homing_finds_machine_zero_however_wrong_the_encoders_were() {
         assert_eq!(operator.sees_end(job).job_result, DONE);
         drop(operator);
         let scene = scene.end();
-        // What the drives measured is in the trace: their lag on the way, and what is left of it at rest.
+        // The trace contains what the drives measured: their lag during motion, and the remaining lag at
+        // rest.
         let mut trace = evolvent_trace::TraceFile::open(&scene.trace()).expect("a complete trace");
         let errors: Vec<f64> = (trace.cycles())
             .map(|cycle| cycle.expect("a readable cycle").following_error[0].abs())
@@ -146,7 +147,7 @@ fn a_switch_that_is_not_there_ends_homing_with_its_alarm_and_the_machine_can_go_
         let status = operator.sees_end(job);
         assert_eq!(status.job_result, FAULT);
         assert_eq!(status.listed_alarms(), [420], "{}", status.alarm_sentence());
-        // The axis has stopped at the limit switch behind the travel.
+        // The axis has stopped at the limit switch beyond the travel.
         let sentence = status.alarm_sentence().to_owned();
         assert!(sentence.contains("axis X"), "{sentence}");
         assert!(
@@ -196,7 +197,7 @@ fn faults_of_the_drives_stop_the_machine_with_their_alarm_and_it_comes_back() {
                 918,
                 "{fault}: an alarm is latched"
             );
-            // A new set of drives, and the machine goes on.
+            // A new set of drives, and the machine continues.
             let mut scene = scene;
             scene.drives = None;
             let gone_ns = MonotonicClock::now_ns();
@@ -211,7 +212,7 @@ fn faults_of_the_drives_stop_the_machine_with_their_alarm_and_it_comes_back() {
                 status.machine_state == 2 || status.alarm_count > 0
             });
             assert_eq!(status.alarm_count, 0, "{fault}: {}", status.alarm_sentence());
-            // They may count from elsewhere: somebody has to say where the axes are.
+            // They may count from another zero: the operator has to declare the positions.
             assert_eq!(status.homed_mask, 0, "{fault}");
             assert_eq!(operator.homes().job_result, DONE, "{fault}");
             operator.says_number("MODE", 2);
@@ -248,8 +249,8 @@ fn an_emergency_stop_brings_every_axis_to_rest_and_takes_the_power_away() {
     });
 }
 
-/// Drives whose link is gone for a moment, or that are others: what was homed is not, unless their encoders
-/// are absolute.
+/// Drives whose link is lost for a moment, or that were exchanged: homed axes are no longer homed, unless
+/// their encoders are absolute.
 #[test]
 fn machine_zero_is_lost_with_the_link_unless_the_drives_keep_it() {
     unless_disturbed(|| {
@@ -269,7 +270,7 @@ fn machine_zero_is_lost_with_the_link_unless_the_drives_keep_it() {
             operator.says("OFF");
             operator.waits("no power", |status| status.power == 0);
             scene.drives = None;
-            // Elsewhere than the last ones stood, where the reference is not kept.
+            // At other positions than those of the previous drives, if the reference is not kept.
             let offset: &[&str] = if is_absolute {
                 &["--absolute"]
             } else {
@@ -303,7 +304,7 @@ fn machine_zero_is_lost_with_the_link_unless_the_drives_keep_it() {
                 let mut mdi = command("MDI");
                 assert!(mdi.set_text("G0 X1"));
                 assert_eq!(operator.ask(&mdi).alarm, 916);
-                // X and Z search their switches; Y has none, and is where the operator says.
+                // X and Z search their switches; Y has none, and the operator declares its position.
                 let status = operator.homes();
                 assert_eq!(
                     (status.job_result, status.homed_mask),
@@ -319,7 +320,7 @@ fn machine_zero_is_lost_with_the_link_unless_the_drives_keep_it() {
     });
 }
 
-/// A bridge that says what cannot be, before power is on: the core stands where it stood.
+/// A bridge that reports impossible positions before power is on: the core keeps its own.
 #[test]
 fn positions_that_cannot_be_are_not_taken_over_without_power() {
     unless_disturbed(|| {

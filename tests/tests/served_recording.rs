@@ -1,4 +1,4 @@
-//! A served machine records every cycle by default, in files that are bounded, and says what it does.
+//! A served machine records every cycle by default, in files of bounded size, and reports what it does.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use evolvent_trace::TraceFile;
 
 const DONE: u32 = 1;
 
-/// Complete traces in a folder, in order of their beginnings.
+/// Complete traces in a folder, in order of their start.
 fn traces(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).expect("a folder of traces");
     let mut files: Vec<PathBuf> = entries
@@ -53,7 +53,7 @@ fn serving_records_every_cycle_and_says_how_to_go_on() {
         assert_eq!(Some(verified.cycles), summary["cycles"].as_u64());
         assert!(verified.holds() && !verified.lacks_data(), "{verified:?}");
         assert_eq!(verified.jobs, 2);
-        // The page tells the two blocks apart, which have the same line number.
+        // The page distinguishes the two blocks, which have the same line number.
         let page = scene.workshop.path("page.html");
         write_report(&files[0], &page).expect("a page");
         let text = std::fs::read_to_string(&page).expect("the page");
@@ -74,7 +74,7 @@ fn serving_records_every_cycle_and_says_how_to_go_on() {
 #[test]
 fn traces_of_a_session_keep_their_bound_without_a_gap() {
     unless_disturbed(|| {
-        // A bound of 10 MiB: a file has a quarter of it.
+        // A limit of 10 MiB: each file gets a quarter of it.
         let limit = 0.01;
         let mut scene = Scene::with("bounded", &["--trace-limit", "0.01", "--rate", "8000"]);
         let folder = scene.workshop.path("state/traces");

@@ -1,5 +1,4 @@
-//! Outputs, inputs and the emergency-stop chain of a served machine, with a bridge on the bus that knows
-//! nothing of the core.
+//! Outputs, inputs and the emergency-stop chain of a served machine, with an independent bridge on the bus.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -57,7 +56,7 @@ reverse = true
 input = \"chain\"
 ";
 
-/// What the bridge reads and writes, for as long as it lives.
+/// What the bridge reads and writes while it lives.
 struct Bridge {
     inputs: Arc<AtomicU64>,
     is_silent: Arc<AtomicBool>,
@@ -67,7 +66,7 @@ struct Bridge {
 }
 
 impl Bridge {
-    /// Joins the bus, the chain closed or not.
+    /// Joins the bus, with the chain closed or open.
     fn start(domain: &Domain, name: &str, inputs: u64) -> Self {
         let client = domain.client(name);
         let inputs = Arc::new(AtomicU64::new(inputs));
@@ -97,7 +96,7 @@ impl Bridge {
                         digital: its_inputs.load(Ordering::Acquire),
                         ..MachineInputs::default()
                     };
-                    // A core that has gone takes none.
+                    // A core that has ended receives none.
                     let _gone = sender.send(&message);
                 }
                 std::thread::sleep(Duration::from_millis(2));
@@ -121,8 +120,7 @@ impl Bridge {
         self.outputs.lock().expect("nobody panicked").clone()
     }
 
-    /// Waits for outputs of which something is true, and gives the first message that says so, from the
-    /// `from`th on.
+    /// Waits for outputs that meet a condition; returns the first message that does, from number `from` on.
     #[track_caller]
     fn waits(&self, what: &str, from: usize, until: impl Fn(&MachineOutputs) -> bool) -> MachineOutputs {
         let begin = Instant::now();
@@ -180,7 +178,7 @@ impl Shop {
         )
     }
 
-    /// `evolvent ctl`, as a person types it.
+    /// `evolvent ctl`, as typed by a person.
     fn ctl(&self, words: &[&str]) -> Finished {
         let child = evolvent()
             .args([
@@ -226,7 +224,7 @@ fn a_served_program_switches_waits_and_is_computed_again() {
             status.switches & switches::CHAIN_OPEN == 0
         });
         operator.brings_up();
-        // Twice: blocks and actions are numbered on from job to job.
+        // Twice: the numbers of blocks and actions continue from job to job.
         for round in 0..2 {
             bridge.reads(CHAIN);
             let from = bridge.heard().len();
@@ -238,7 +236,7 @@ fn a_served_program_switches_waits_and_is_computed_again() {
             let job = operator.says("START").job;
             let waiting = operator.waits("the wait", |status| status.switches & switches::INPUT_WAIT != 0);
             assert_eq!(waiting.position_machine[0], 5.0);
-            // Nobody but the input goes on from here.
+            // Only the input continues from here.
             assert_eq!(operator.ask(&command("RESUME")).alarm, 920);
             assert_eq!(operator.ask(&set("lamp", 1.0)).alarm, 914, "the program's own");
             bridge.reads(CHAIN | READY);
@@ -252,7 +250,7 @@ fn a_served_program_switches_waits_and_is_computed_again() {
             bridge.waits("the end", from, |message| {
                 message.digital & 3 == 1 && message.cycle > 0 && message.analog[3] == 2.5
             });
-            // What counts from which setpoint, by the setpoints themselves.
+            // The setpoint from which each output takes effect, according to the setpoints themselves.
             let mut begins = None;
             let mut before: Option<evolvent_bus::Setpoint> = None;
             while let Ok(Some(setpoint)) = operator.setpoints.receive() {
@@ -371,7 +369,7 @@ fn a_chain_that_opens_stops_axes_drives_and_outputs_and_has_to_be_reset() {
                 "{}",
                 status.position_machine[0]
             );
-            // Closing it alone goes on with nothing.
+            // Closing the chain alone continues nothing.
             bridge.is_silent.store(false, Ordering::Release);
             bridge.reads(CHAIN);
             operator.waits("a closed chain", |status| {
@@ -418,7 +416,7 @@ fn outputs_are_set_by_hand_within_what_the_machine_file_says() {
         bridge.waits("both", 0, |message| {
             message.digital & 2 != 0 && message.analog[3] == 4.5
         });
-        // A jog and its end leave them alone, and the spindle; and so does a program that keeps them.
+        // A jog and its end do not change outputs or the spindle; nor does a program that keeps them.
         operator.says_number("MODE", 2);
         let job = operator.says_text("MDI", "M3 S700").job;
         assert_eq!(operator.sees_end(job).job_result, DONE);
@@ -455,7 +453,7 @@ fn outputs_are_set_by_hand_within_what_the_machine_file_says() {
         assert_eq!(operator.sees_end(job).job_result, DONE);
         let last = bridge.heard().pop().expect("outputs");
         assert_eq!((last.digital & 2, last.analog[3]), (2, 4.5));
-        // An emergency stop makes all of them safe, and they stay so.
+        // An emergency stop makes all of them safe, and they stay safe.
         let from = bridge.heard().len();
         operator.says("ESTOP");
         bridge.waits("safe outputs", from, |message| {
@@ -472,7 +470,7 @@ fn outputs_are_set_by_hand_within_what_the_machine_file_says() {
     });
 }
 
-/// The shipped example, whose wire leads from the lamp to the input `ready`.
+/// The shipped example, with a wire from the lamp to the input `ready`.
 #[test]
 fn a_bridge_in_python_sets_outputs_when_they_are_due_and_answers_with_inputs() {
     unless_disturbed(|| {
@@ -499,7 +497,7 @@ fn a_bridge_in_python_sets_outputs_when_they_are_due_and_answers_with_inputs() {
         let ended = operator.sees_end(job);
         assert_eq!(ended.job_result, DONE, "{}", ended.alarm_sentence());
         assert_eq!(ended.position_machine[0], 20.0, "its fall came");
-        // Killed, the chain is unknown.
+        // Once it is killed, the chain is unknown.
         bridge.kill().expect("killed");
         bridge.wait().expect("its end");
         let status = operator.waits("an emergency stop", |status| status.machine_state == ESTOP);

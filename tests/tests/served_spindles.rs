@@ -1,4 +1,4 @@
-//! Two spindles with ramps on a served machine: MDI commands them, STOP ramps them down, and ESTOP takes
+//! Two spindles with ramps on a served machine: MDI commands them, STOP ramps them down, and ESTOP removes
 //! their power at once.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
@@ -11,7 +11,7 @@ use evolvent_tests::{Domain, Drives, Operator, OutputListener, Served, Workshop,
 const DONE: u32 = 1;
 const AUTO: u32 = 0;
 const MDI: u32 = 2;
-/// A busy host may take its time.
+/// A busy host may be slow.
 const PATIENCE: Duration = Duration::from_secs(60);
 const OFF: [f64; 2] = [0.0, 0.0];
 const RAMPS_RPM_S: [f64; 2] = [600.0, 1500.0];
@@ -53,14 +53,14 @@ fn reach(listener: &OutputListener, wanted: [f64; 2]) {
     }
 }
 
-/// No message changes a speed by more than its ramp permits.
+/// Asserts that no message changes a speed by more than its ramp permits.
 fn assert_ramped(messages: &[MachineOutputs]) {
     for pair in messages.windows(2) {
         let seconds = pair[1].due_time_ns.saturating_sub(pair[0].due_time_ns) as f64 * 1e-9;
         let (before, after) = (speeds(&pair[0]), speeds(&pair[1]));
         for number in 0..2 {
             let change = (after[number] - before[number]).abs();
-            // Steps come every millisecond at most.
+            // The command changes in steps of at most one millisecond.
             assert!(
                 change <= RAMPS_RPM_S[number] * (seconds + 0.001) + 1e-9,
                 "spindle {number}: {change} rpm in {seconds} s"
@@ -69,7 +69,7 @@ fn assert_ramped(messages: &[MachineOutputs]) {
     }
 }
 
-/// Some message has a speed of each spindle between these and zero: it was not switched off at once.
+/// Whether some message has a speed of each spindle between these and zero: it was not switched off at once.
 fn passes_between(messages: &[MachineOutputs], from: [f64; 2]) -> [bool; 2] {
     [0, 1].map(|number| {
         messages
@@ -97,7 +97,7 @@ fn mdi_and_stop_ramp_both_spindles_and_estop_switches_them_off_at_once() {
         reach(&listener, [600.0, -900.0]);
         assert_ramped(&listener.messages());
 
-        // STOP ends a program, and both spindles along their ramps.
+        // STOP ends a program, and stops both spindles along their ramps.
         operator.says_text("MDI", "G1 X200 F60");
         operator.waits("motion", |status| status.position_machine[0] > 5.2);
         operator.says("STOP");
@@ -118,7 +118,7 @@ fn mdi_and_stop_ramp_both_spindles_and_estop_switches_them_off_at_once() {
         let after = listener.messages().split_off(from);
         assert_eq!(passes_between(&after, [500.0, 1000.0]), [false, false], "ESTOP");
 
-        // They stay off, also with power again.
+        // They stay off after power is on again.
         operator.brings_up();
         std::thread::sleep(Duration::from_millis(300));
         assert_eq!(listener.messages().last().map(speeds), Some(OFF));
@@ -138,7 +138,7 @@ fn no_surface_speed_outlives_its_program_a_stop_or_a_reset() {
         operator.brings_up();
         let surface = "G21 G90 G94 F6000\nG96 S40 D900 M3\nG1 X60\n";
         let ends = [
-            // A spindle that is off when the program ends has nothing to be switched off.
+            // A spindle that is off at the end of the program needs no switching off.
             ("M5 before M2", format!("{surface}M5\nM2\n"), ""),
             ("M2", format!("{surface}M2\n"), ""),
             ("STOP", format!("{surface}G1 X200 F60\nM2\n"), "STOP"),
@@ -174,8 +174,8 @@ fn no_surface_speed_outlives_its_program_a_stop_or_a_reset() {
     });
 }
 
-/// The planner gets such a move in pieces of 1 % of speed. For the operator it is one: RETRACE went back to
-/// the start of a piece.
+/// The planner receives such a move in pieces of 1 % of speed. For the operator it is one move; formerly
+/// RETRACE returned to the start of a piece.
 #[test]
 fn a_move_whose_feed_follows_the_surface_speed_is_driven_back_as_a_whole() {
     unless_disturbed(|| {
@@ -201,7 +201,7 @@ fn a_move_whose_feed_follows_the_surface_speed_is_driven_back_as_a_whole() {
         let back = operator.waits("the start of line 5", |status| {
             rests(status) && status.retrace_blocks == 2
         });
-        // In the blend of the corner, which here is straight on.
+        // In the blend of the corner, which is straight here.
         assert!(
             (back.position_machine[0] - 30.0).abs() < 0.2,
             "{}",

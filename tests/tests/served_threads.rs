@@ -1,4 +1,5 @@
-//! The spindle override of a served lathe: off while motion follows the spindle, and never above D of G96.
+//! The spindle override of a served lathe: disabled while motion follows the spindle, and never above D of
+//! G96.
 
 use std::time::{Duration, Instant};
 
@@ -6,7 +7,7 @@ use evolvent_bus::{ControlRequest, MachineOutputs};
 use evolvent_tests::{Domain, Drives, Operator, OutputListener, Served, Workshop, command, unless_disturbed};
 
 const DONE: u32 = 1;
-/// A busy host may take its time.
+/// A busy host may be slow.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 const SPINDLES: &str = "
@@ -73,7 +74,7 @@ fn a_tap_and_a_thread_turn_at_the_programmed_speed_whatever_the_override_says() 
             (1.6, "G33.1 Z-5 K1 $1"),
             (0.4, "G33.1 Z-5 K1 $1"),
             (0.15, "G33 Z0 K1 $1"),
-            // Spindle 0 stands: without `$` the thread is of the spindle of the block before.
+            // Spindle 0 is stopped: without `$` the thread uses the spindle of the previous block.
             (0.4, "G33 Z0 K1"),
             (2.0, "G33 Z-10 K1 $1"),
         ] {
@@ -85,11 +86,11 @@ fn a_tap_and_a_thread_turn_at_the_programmed_speed_whatever_the_override_says() 
             let is_programmed = speeds.contains(&300.0);
             assert!(is_programmed, "{cut} at {ratio}: {speeds:?}");
             assert_eq!(speeds.contains(&-300.0), cut.starts_with("G33.1"), "{cut}");
-            // The block is over, and the override counts again.
+            // The block is over, and the override is enabled again.
             reach(&listener, ratio * 300.0);
             runs(&mut operator, "G0 Z10");
         }
-        // The status has each spindle, with what it is commanded and what is measured.
+        // The status contains the commanded and the measured speed of each spindle.
         overrides_spindles(&mut operator, 1.0);
         operator.waits("both spindles", |status| {
             let spindles: Vec<_> = status.spindles().collect();
@@ -100,7 +101,7 @@ fn a_tap_and_a_thread_turn_at_the_programmed_speed_whatever_the_override_says() 
             let commands: Vec<f64> = spindles.iter().map(|spindle| spindle.command_rpm).collect();
             commands == [0.0, 300.0] && is_measured(0, 0.0) && is_measured(1, 300.0)
         });
-        // 50 m/min at a radius of 20 mm are 398 rpm, and 597 at 150 %: D keeps 450.
+        // 50 m/min at a radius of 20 mm are 398 rpm, and 597 at 150 %: D limits it to 450.
         overrides_spindles(&mut operator, 1.5);
         runs(&mut operator, "G96 S50 D450 $1");
         runs(&mut operator, "G1 X20 F600");

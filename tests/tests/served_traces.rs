@@ -1,4 +1,4 @@
-//! What a served machine did comes out the same when it is computed again from its trace, job by job.
+//! The jobs of a served machine are recomputed from its trace with the same result.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -41,7 +41,7 @@ o<there_and_back> endsub
 fn jog(axis: usize, distance: f64, speed: f64) -> ControlRequest {
     let mut request = ControlRequest {
         axes_mask: 1 << axis,
-        // An increment, not a jog that is held.
+        // An increment, not a continuous jog.
         index: 1,
         amount: speed,
         ..command("JOG")
@@ -50,7 +50,7 @@ fn jog(axis: usize, distance: f64, speed: f64) -> ControlRequest {
     request
 }
 
-/// Homing, MDI, jogs that turn over, a program with subroutines from a folder, overrides, holds and an
+/// Homing, MDI, jogs that reverse, a program with subroutines from a folder, overrides, holds and an
 /// emergency stop.
 fn session(workshop: &Workshop, cycles: &str) -> PathBuf {
     let domain = Domain::new();
@@ -81,7 +81,7 @@ fn session(workshop: &Workshop, cycles: &str) -> PathBuf {
         let job = operator.does(&jog(axis, distance, 30.0)).job;
         assert_eq!(operator.sees_end(job).job_result, DONE);
     }
-    // Over again while it moves.
+    // Reversed while it moves.
     operator.does(&jog(0, 60.0, 40.0));
     std::thread::sleep(Duration::from_millis(300));
     let job = operator.does(&jog(0, -30.0, 20.0)).job;
@@ -127,7 +127,7 @@ fn session(workshop: &Workshop, cycles: &str) -> PathBuf {
     trace
 }
 
-/// `false` where the host was so busy that planning was late, which is not recorded.
+/// Returns `false` if the host was so busy that planning was late, which is not recorded.
 fn came_in_time(trace: &Path) -> bool {
     let mut file = TraceFile::open(trace).expect("a trace");
     let is_late = |cycle: &CycleRecord| {
@@ -141,12 +141,12 @@ fn came_in_time(trace: &Path) -> bool {
     !late
 }
 
-/// The same trace with its cycles changed.
+/// The same trace with changed cycles.
 fn altered(trace: &Path, name: &str, change: impl FnMut(&mut CycleRecord)) -> PathBuf {
     copied(trace, name, change, |_| true)
 }
 
-/// The same trace with its cycles changed, and with some of its events.
+/// The same trace with changed cycles and some of its events.
 fn copied(
     trace: &Path,
     name: &str,
@@ -197,7 +197,7 @@ fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found
         for cycles in ["messages", "columns"] {
             let workshop = Workshop::new();
             let trace = session(&workshop, cycles);
-            // Nothing but the trace is needed.
+            // Only the trace is needed.
             std::fs::remove_dir_all(workshop.path("library")).expect("a folder");
             std::fs::remove_file(workshop.path("part.ngc")).expect("a file");
             let mut file = TraceFile::open(&trace).expect("a trace");
@@ -229,7 +229,7 @@ fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found
                 page.contains("Emergency stop was pressed once"),
                 "the verdict tells of it"
             );
-            // Texts come from the blocks: there is no one program. Its fifth line is no other's.
+            // Texts come from the blocks: there is no single program. Its fifth line belongs to no other.
             assert!(
                 page.contains(r#""text":"G1 X-20 Y10""#),
                 "lines without their text: {}",
@@ -251,7 +251,7 @@ fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found
                     .max_path_error_mm
                     .is_some_and(|most| most > 0.0 && most <= 0.021)
             );
-            // In the middle of homing, of a jog, of MDI and of the program.
+            // During homing, a jog, MDI and the program.
             let all: Vec<CycleRecord> = file.cycles().map(|cycle| cycle.expect("a cycle")).collect();
             let moving = |cycle: &&CycleRecord| cycle.feed_mm_s > 5.0;
             let kinds = [inputs::STEERS, inputs::FOLLOWS];
@@ -274,7 +274,7 @@ fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found
                     (1, victim, "velocity X")
                 );
             }
-            // A place where the machine stood, which nothing moved.
+            // A point at which the machine was at rest.
             let stood = all
                 .iter()
                 .rev()
@@ -315,7 +315,8 @@ fn a_run_with_subroutines_in_a_folder_is_computed_again_without_the_folder() {
     });
 }
 
-/// Thousands of dwells without time fill the plan's queue: the planner cannot read far ahead of the machine.
+/// Thousands of dwells of zero time fill the queue of the plan, so that the planner cannot read far ahead of
+/// the machine.
 fn read_bit_by_bit() -> String {
     let mut text = "G21 G90 G64 P0.02 F6000\nG1 X0 Y0 Z0\n".to_owned();
     for round in 0..50 {
@@ -374,11 +375,11 @@ fn what_is_switched_while_a_program_runs_counts_for_the_same_lines_when_it_is_co
             if at.line >= next {
                 let (_, request) = switches.pop_front().expect("a switch");
                 operator.does(&request);
-                // Two that the planner learns of at once count as one.
+                // Two changes that the planner sees at once count as one.
                 operator.now();
                 operator.now();
             } else {
-                // It may go on by itself meanwhile, where single step was switched off.
+                // It may continue on its own, if single step was switched off.
                 operator.ask(&command("RESUME"));
                 std::thread::sleep(Duration::from_millis(5));
             }
@@ -393,7 +394,7 @@ fn what_is_switched_while_a_program_runs_counts_for_the_same_lines_when_it_is_co
             .filter(|event| event.kind == EventKind::Switched)
             .inspect(|event| println!("{} {}", event.sequence, event.text))
             .count();
-        // The planner is some 80 lines ahead: each counts by itself.
+        // The planner is about 80 lines ahead: each change counts separately.
         assert!(switches.is_empty() && switched == 7, "{switched}");
         let verified = verify(&trace).expect("a readable trace");
         if !came_in_time(&trace) {
@@ -417,7 +418,7 @@ fn a_block_behind_thousands_of_parameters_is_checked_and_recorded_whole() {
             "sv-many.toml",
             format!("{mill}\n[program]\nsubroutines = [\".\"]\n"),
         );
-        // 116 kB of them, none of which can be written in fewer digits.
+        // 116 kB of parameters, none of which can be written with fewer digits.
         let _file = workshop.write(
             "fill.ngc",
             "o<fill> sub\n#100 = 100\no<each> while [#100 LT 4990]\n#100 = [#100 + 1]\n\
@@ -439,7 +440,7 @@ fn a_block_behind_thousands_of_parameters_is_checked_and_recorded_whole() {
             (at[0] + expected[0] / 100.0).abs() < 1e-9 && (at[1] + expected[1] / 10.0).abs() < 1e-9,
             "{at:?}"
         );
-        // Refused at once, as behind few parameters.
+        // Rejected at once, as after few parameters.
         let mut beyond = command("MDI");
         assert!(beyond.set_text("G0 X[-#4500 * 100]"));
         let answer = operator.ask(&beyond);

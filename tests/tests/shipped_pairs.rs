@@ -1,8 +1,8 @@
-//! Every pair of files that ships, a machine with its network or board, as the docs start it: core, bridge
-//! and simulator, each as in use. Only what a busy host needs is changed: how long setpoints, frames, packets
-//! and feedback may be missing.
+//! Every shipped pair of files, a machine with its network or board, started as in the docs: core, bridge and
+//! simulator as in use. Only timeouts for busy hosts are changed: how long setpoints, frames, packets and
+//! feedback may be missing.
 //!
-//! The EtherCAT ring needs the right to make a network namespace.
+//! The EtherCAT ring needs the right to create a network namespace.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use evolvent_tests::{
 };
 
 const DONE: u32 = 1;
-/// Machines with their networks; and with their boards, the model that the simulator has to be, and its
+/// Machines with their networks; and machines with their boards, the model of the simulator, and its
 /// switches.
 const NETWORKS: [(&str, &str); 2] = [("mill-ethercat", "sim-mill"), ("lathe-ethercat", "sim-lathe")];
 const BOARDS: [(&str, &str, BoardModel, &[&str]); 4] = [
@@ -32,7 +32,7 @@ const BOARDS: [(&str, &str, BoardModel, &[&str]); 4] = [
 ];
 const ROUTER: [&str; 3] = ["0:0:-640", "1:1:640", "2:2:1600"];
 
-/// A file that ships, with pieces of its text replaced.
+/// A shipped file with pieces of its text replaced.
 fn changed(file: &str, changes: &[(&str, &str)]) -> String {
     let path = repository().join("config").join(file);
     let mut text = std::fs::read_to_string(path).expect("a file that ships");
@@ -43,7 +43,7 @@ fn changed(file: &str, changes: &[(&str, &str)]) -> String {
     text
 }
 
-/// The machine file, with a long lead and patience for feedback and inputs.
+/// The machine file, with a long lead and long timeouts for feedback and inputs.
 fn machine(name: &str, workshop: &Workshop) -> PathBuf {
     let lead = ("rate = 1000 ", "lead_cycles = 60\nrate = 1000 ");
     let mut text = changed(&format!("machines/{name}.toml"), &[lead]);
@@ -61,8 +61,8 @@ fn machine(name: &str, workshop: &Workshop) -> PathBuf {
     workshop.write(&format!("{name}.toml"), text)
 }
 
-/// Serves the machine, starts the bridge, requests power, and jogs one axis. Drives that home by themselves
-/// come to these places first.
+/// Serves the machine, starts the bridge, requests power, and jogs one axis. Drives that home on their own
+/// first move to these positions.
 fn starts(name: &str, bridge: &[String], machine: &Path, workshop: &Workshop, homed_at: &[(usize, f64)]) {
     let domain = Domain::new();
     let served = Served::start(machine, name, &domain, &workshop.path("state"), &[]);
@@ -103,7 +103,7 @@ fn starts(name: &str, bridge: &[String], machine: &Path, workshop: &Workshop, ho
     drop(hardware);
 }
 
-/// The devices that the head of the network file names.
+/// The devices that the header of the network file names.
 fn devices(network: &str) -> Vec<SubDevice> {
     let axis = |serial, limits_turns| {
         let settings = DriveSettings {
@@ -173,8 +173,8 @@ fn every_machine_starts_with_its_board() {
                 let switch: Switch = switch.parse().expect("a switch");
                 server.lock().add_switch(switch);
             }
-            // Current through the isolated input of the lathe's inverter, which is in order, makes it low;
-            // other boards ignore it.
+            // Current through the isolated input of the lathe's inverter, when it is in order, makes the
+            // input low; other boards ignore it.
             if name == "lathe-mesa" {
                 server.lock().set_level(3, false);
             }
@@ -193,7 +193,7 @@ fn every_machine_starts_with_its_board() {
     }
 }
 
-/// A new file is one of a pair.
+/// A new file belongs to a pair.
 #[test]
 fn no_network_and_no_board_ships_without_its_machine() {
     for (folder, paired) in [
@@ -208,7 +208,7 @@ fn no_network_and_no_board_ships_without_its_machine() {
     }
 }
 
-/// The command of the docs, with the network of a machine whose period the drives cannot be given.
+/// The command of the docs, with the network of a machine whose period the drives do not support.
 #[test]
 fn a_bridge_to_drives_that_cannot_be_given_the_period_does_not_start() {
     let workshop = Workshop::new();

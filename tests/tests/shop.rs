@@ -45,7 +45,7 @@ impl Shop {
         self.workshop.path("leaving.mcap")
     }
 
-    /// Core, drives, and somebody who has brought them up.
+    /// Starts the core, the drives, and an operator who has brought them up.
     pub(crate) fn opens(&self) -> (Served, Drives, Operator) {
         let trace = self.trace().display().to_string();
         let state = self.workshop.path("state");
@@ -81,7 +81,7 @@ impl Shop {
         })
     }
 
-    /// Ends the core; its cycles. The trace is computed again to the last bit.
+    /// Ends the core; returns its cycles. The trace is recomputed to the last bit.
     pub(crate) fn ends(&self, served: Served, operator: Operator) -> Vec<Cycle> {
         drop(operator);
         served.end().expect_code(&[0, 3]);
@@ -102,7 +102,7 @@ pub(crate) fn jog(axes_mask: u32, distances: [f64; 3]) -> ControlRequest {
     jog
 }
 
-/// Jogs away from the program by a distance, to its end.
+/// Jogs away from the program by a distance, to the end of the jog.
 #[track_caller]
 pub(crate) fn jogs(operator: &mut Operator, axis: usize, distance: f64) {
     let before = operator.now().position_machine[axis];
@@ -119,7 +119,7 @@ pub(crate) fn jogs(operator: &mut Operator, axis: usize, distance: f64) {
     });
 }
 
-/// Checks that the cycles keep the limits of every axis, by differences of their positions.
+/// Asserts that the cycles keep the limits of every axis, by differences of their positions.
 #[track_caller]
 pub(crate) fn keeps_limits(shop: &Shop, cycles: &[Cycle]) {
     let limits = Machine::load(&shop.machine).expect("the machine file").limits();
@@ -130,8 +130,8 @@ pub(crate) fn keeps_limits(shop: &Shop, cycles: &[Cycle]) {
             limits.jerk[axis],
         ];
         for four in cycles.windows(4) {
-            // Drives without power are elsewhere than their setpoints: the core follows them by a step that
-            // is no motion.
+            // Drives without power are not at their setpoints: the core follows them by a step that is no
+            // motion.
             let is_relocated = four.iter().any(|cycle| cycle.inputs & RELOCATED != 0);
             if four[3].sequence != four[0].sequence + 3 || is_relocated {
                 continue;

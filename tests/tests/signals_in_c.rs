@@ -1,4 +1,4 @@
-//! Signals of a served machine, told by a client in C, and listed by `ctl io`.
+//! Signals of a served machine, sent by a client in C and listed by `ctl io`.
 
 use std::process::{Child, Command, Stdio};
 
@@ -35,7 +35,7 @@ name = \"door\"
 number = 9
 ";
 
-/// Killed when it is dropped.
+/// Killed on drop.
 struct Client(Child);
 
 impl Drop for Client {
@@ -88,7 +88,7 @@ fn a_client_in_c_follows_outputs_and_tells_inputs_that_programs_wait_for() {
         assert!(lamp.set_text("lamp"));
         operator.does(&lamp);
         operator.says_number("MODE", MDI);
-        // The lamp is seen to burn, and the laser as bright as it was set.
+        // The input shows that the lamp is on, and the brightness of the laser as it was set.
         let job = operator.says_text("MDI", "M66 P1 L3 Q60").job;
         assert_eq!(operator.sees_end(job).job_result, DONE);
         let job = operator.says_text("MDI", "M68 E3 Q4.5").job;
@@ -97,7 +97,7 @@ fn a_client_in_c_follows_outputs_and_tells_inputs_that_programs_wait_for() {
         assert_eq!(value(&all, "inputs", "lamp-burns"), 1.0, "{all}");
         assert_eq!(value(&all, "inputs", "light"), 4.5, "{all}");
         assert_eq!(value(&all, "outputs", "laser"), 4.5, "{all}");
-        // Nobody reads this one.
+        // No client reports this one.
         assert_eq!(value(&all, "inputs", "door"), json!(null), "{all}");
         drop(client);
         drop(operator);

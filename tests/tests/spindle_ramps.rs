@@ -1,5 +1,5 @@
-//! A spindle whose command has a ramp: what the bridge is commanded, what waits for it, and what the feed
-//! goes by.
+//! A spindle whose command has a ramp: the commands to the bridge, what waits for the ramp, and what the feed
+//! refers to.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -69,7 +69,7 @@ fn the_command_changes_by_its_rate_through_zero_and_feed_waits_for_its_end() {
         for pair in messages.windows(2) {
             let seconds = pair[1].due_time_ns.saturating_sub(pair[0].due_time_ns) as f64 * 1e-9;
             let change = (signed_rpm(&pair[1]) - signed_rpm(&pair[0])).abs();
-            // Steps come every millisecond at most.
+            // The command changes in steps of at most one millisecond.
             assert!(
                 change <= RAMP_RPM_S * (seconds + 0.001),
                 "{change} rpm in {seconds} s"
@@ -116,7 +116,7 @@ fn feed_per_revolution_goes_by_the_ramp() {
             };
             let rpm = signed_rpm(message);
             let fed_mm_rev = -cycle.velocity[0] * 60.0 / rpm;
-            // 1 % of hysteresis, 0.5 % of the report, and what the ramp goes on meanwhile.
+            // 1 % hysteresis, 0.5 % for the report, and the progress of the ramp meanwhile.
             assert!((fed_mm_rev / 0.3 - 1.0).abs() < 0.04, "{fed_mm_rev} at {rpm} rpm");
             compared += 1;
             let wanted = 1e5 / (std::f64::consts::TAU * cycle.position[0]);
@@ -131,8 +131,8 @@ fn feed_per_revolution_goes_by_the_ramp() {
 fn a_spindle_that_the_program_has_stopped_holds_up_no_rest() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
-        // After a feed by the spindle: a dwell, a rapid and an output at rest do not wait for a spindle that
-        // stands.
+        // After a feed per revolution, a dwell, a rapid and an output at rest do not wait for a stopped
+        // spindle.
         let program = "G21 G90 G95\nS800 M3\nG1 X1 F0.1\nM5\nG4 P1\nG0 X50\nG4 P0.2\nG94 F600\nG1 X51\nM2\n";
         let (_messages, trace) = run(&workshop, "rests", "ramp_rpm_s = 2000\n", program);
         let cycles = cycles(&trace);
@@ -158,7 +158,7 @@ fn period_s(cycles: &[Cycle]) -> f64 {
     (cycles[1].due_time_ns - cycles[0].due_time_ns) as f64 * 1e-9
 }
 
-/// Until the spindle turns at this speed.
+/// Waits until the spindle turns at this speed.
 fn await_rpm(listener: &OutputListener, rpm: f64) {
     let begin = Instant::now();
     while listener.messages().iter().map(signed_rpm).next_back() != Some(rpm) {
@@ -174,8 +174,8 @@ fn signal(process: &Child, signal: Signal) {
     kill_process(Pid::from_child(process), signal).expect("a process that can be signalled");
 }
 
-/// The axes rest from the end of the program to the last setpoint, and that comes when the ramp has ended,
-/// not later than `margin_s`.
+/// The axes are at rest from the end of the program to the last setpoint, which comes when the ramp has
+/// ended, at most `margin_s` later.
 fn runs_down(messages: &[MachineOutputs], found: &[Cycle], rate_rpm_s: f64, from_rpm: f64, state: u8) {
     let begins = found
         .iter()
@@ -236,7 +236,7 @@ fn a_run_ends_when_the_ramps_of_its_spindles_have_ended() {
     });
 }
 
-/// A status on the way shows the command on its ramp, and not what the program wants.
+/// The status during the ramp shows the command on the ramp, not the target of the program.
 #[test]
 fn the_status_shows_the_command_on_its_ramp() {
     unless_disturbed(|| {
@@ -312,7 +312,7 @@ fn a_signal_ends_a_run_after_its_ramp_and_a_second_at_once() {
     });
 }
 
-/// Nothing waits for a spindle without a ramp, nor where the speed is reached at once.
+/// Nothing waits for a spindle without a ramp, or for a speed that is reached at once.
 #[test]
 fn a_run_without_a_ramp_ends_with_its_program() {
     unless_disturbed(|| {

@@ -1,4 +1,5 @@
-//! Spindles with feedback: feed waits for the speed, an angle is waited for, and trouble stops the machine.
+//! Spindles with feedback: feed waits for the speed, M19 waits for the angle, and a failure stops the
+//! machine.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -8,13 +9,13 @@ use evolvent_tests::{
 };
 use evolvent_trace::{EventKind, TraceFile};
 
-/// The number in a trace of how spindle 0 is, behind 64 digital and 16 analog inputs.
+/// The number of the state of spindle 0 in a trace, after 64 digital and 16 analog inputs.
 const SPINDLE: u32 = 80;
 const SPINDLE_ALARM: u32 = 440;
 const DONE: u32 = 1;
 const FAULT: u32 = 4;
 
-/// A mill whose spindle is measured. A bridge on a busy host may be silent for a while.
+/// A mill with a measured spindle. A bridge on a busy host may be silent for a while.
 fn machine(workshop: &Workshop, name: &str, timeout_s: f64) -> PathBuf {
     let file = workshop.mill(
         name,
@@ -28,7 +29,7 @@ fn machine(workshop: &Workshop, name: &str, timeout_s: f64) -> PathBuf {
     workshop.write("machine.toml", text + &spindle)
 }
 
-/// Runs a program beside a simulated spindle, and gives what came of it and its trace.
+/// Runs a program with a simulated spindle; returns the result and the trace.
 fn drive(workshop: &Workshop, program: &str, timeout_s: f64, options: &[&str]) -> (Finished, PathBuf) {
     let domain = Domain::new();
     let machine = machine(workshop, "spun", timeout_s);
@@ -41,7 +42,7 @@ fn drive(workshop: &Workshop, program: &str, timeout_s: f64, options: &[&str]) -
     (finished, trace)
 }
 
-/// Every change of the spindle in a trace: the setpoint, and what is told of it.
+/// Every change of the spindle in a trace: the setpoint and the text.
 fn spindle(trace: &Path) -> Vec<(u64, String)> {
     let mut file = TraceFile::open(trace).expect("a trace");
     let events = file.events().map(|event| event.expect("a readable event"));
@@ -66,7 +67,7 @@ fn feed_waits_for_each_speed_and_rapids_do_not() {
         finished.expect_code(&[0, 3]);
         let cycles = cycles(&trace);
         let told = spindle(&trace);
-        // At speed twice, each time before the feed that it is for, and behind the rapid.
+        // At speed twice, each time before the feed that needs it, and after the rapid.
         let at_speed: Vec<u64> = (told.iter())
             .filter(|(_, text)| text == "spindle 0 at speed")
             .map(|(sequence, _)| *sequence)
@@ -84,7 +85,8 @@ fn feed_waits_for_each_speed_and_rapids_do_not() {
             before(faster).is_some_and(|sequence| *sequence > reaches(15.0)),
             "{told:?}"
         );
-        // 1000 rpm at 1500 rpm/s less 2 %, then as much once more: so long the machine stands at least.
+        // 1000 rpm at 1500 rpm/s minus 2 %, then the same once more: the minimum time for which the machine
+        // waits.
         let due_s = |sequence: u64| cycles[sequence as usize].due_time_ns as f64 * 1e-9;
         let stands = |at: f64, until: u64| due_s(until) - due_s(reaches(at));
         let ramp_s = 0.98 * 1000.0 / 1500.0;
@@ -134,7 +136,7 @@ fn a_spindle_that_fails_stalls_or_falls_silent_stops_the_run() {
 fn an_angle_is_waited_for_before_the_program_goes_on() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
-        // It has seen its index pulse before it is told to stop.
+        // It has seen its index pulse before it is commanded to stop.
         let program = "G21 G90 G94 F1200\nM3 S600\nG1 X5\nM19 R90 P1\nG0 X10\nM5\nM2\n";
         let (finished, trace) = drive(&workshop, program, 20.0, &[]);
         finished.expect_code(&[0, 3]);
@@ -170,7 +172,7 @@ fn without_a_measured_spindle_m19_is_refused_and_nothing_waits() {
         said.contains("program.ngc:4") && said.contains("feedback = true"),
         "{said}"
     );
-    // Where time is not real spindles do at once what they are told.
+    // With the virtual clock spindles execute commands at once.
     let measured = self::machine(&workshop, "spun", 20.0);
     let program = workshop.write(
         "program.ngc",
@@ -191,7 +193,7 @@ fn a_served_machine_waits_for_the_speed_and_stops_for_a_spindle_in_trouble() {
         let served = Served::start(&machine, "spun", &domain, &workshop.path("state"), &[]);
         let mut operator = Operator::join("spun", &domain);
         operator.brings_up();
-        // Whoever waits for the speed is not held.
+        // A program that waits for the speed is not held.
         operator.says_number("MODE", 0);
         let program = workshop.write("turn.ngc", "G21 G90 G94 F1200 M3 S1000\nG1 X1\nM2\n");
         operator.says_text("LOAD", &program.display().to_string());

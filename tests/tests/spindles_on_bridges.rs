@@ -1,6 +1,6 @@
-//! A lathe that cuts threads, taps, and turns its spindle to an angle through the bridges to hardware and
-//! their simulators: every process as in use, over real sockets. The truth is the simulator's own angle and
-//! its own carriage, read at the same instant; no bridge sees either.
+//! A lathe that cuts threads, taps, and orients its spindle through the hardware bridges and their
+//! simulators: every process as in use, over real sockets. The reference is the true angle and the true
+//! carriage position of the simulator, read at the same instant; no bridge sees either.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -23,15 +23,15 @@ use evolvent_tests::{
 const SPINDLE_ALARM: u32 = 440;
 const DONE: u32 = 1;
 const NAME: &str = "spun-lathe";
-/// Periods that setpoints are ahead: the angle is predicted for as long, so a thread needs few; a busy host
-/// needs many.
+/// Lead of setpoints in periods: the angle is predicted over it, so a thread needs a short one; a busy host
+/// needs a long one.
 const SHORT_LEAD: u32 = 3;
-/// A setpoint with that lead is late after this pause, and out of phase.
+/// With that lead a setpoint is late, and out of phase, after this pause.
 const LATE: Duration = Duration::from_millis(3);
 const LONG_LEAD: u32 = 120;
 const SPINDLES: &str = "[[spindle]]\nmax_rpm = 3000\nfeedback = true\nacceleration_rpm_s = 2000\n";
 
-/// Looks at a lathe all the time, and makes trouble once its carriage has come to a place.
+/// Observes a lathe continuously, and starts trouble once its carriage has reached a position.
 struct Watcher {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<Vec<Sight>>,
@@ -65,13 +65,13 @@ impl Watcher {
     }
 }
 
-/// What came of a program.
+/// The result of a program.
 struct Cut {
     status: Status,
     trace: PathBuf,
-    /// Unix time less CLOCK_MONOTONIC.
+    /// Unix time minus CLOCK_MONOTONIC.
     unix_ns: u64,
-    /// How the machine truly was.
+    /// The true states of the machine.
     sights: Vec<Sight>,
 }
 
@@ -82,11 +82,10 @@ impl Cut {
     }
 }
 
-/// One lathe alone where setpoints are due soon: core, bridge and simulator of each want a processor of their
-/// own.
+/// One lathe at a time if setpoints are due soon: core, bridge and simulator each need a processor.
 static TURN: RwLock<()> = RwLock::new(());
 
-/// As docs/ethercat.md says: power, which makes the drives home; off and on again; HOME takes over their
+/// As in docs/ethercat.md: power, on which the drives home; off and on again; HOME takes over their
 /// positions; jogs from the switches into the travel.
 fn homes_by_drives(operator: &mut Operator, places: [f64; 2]) {
     const AXES: [usize; 2] = [0, 2];
@@ -129,7 +128,7 @@ fn cut(
     let domain = Domain::new();
     let machine = lathe.machine(workshop, NAME, SPINDLES);
     let text = std::fs::read_to_string(&machine).expect("a machine file");
-    // A bridge on a busy host may take its time.
+    // A bridge on a busy host may be slow.
     let text = text
         .replace(
             "rate = 1000\n",
@@ -181,8 +180,8 @@ fn cut(
     }
 }
 
-/// When the host kept core, bridge or the looks from running. A setpoint or a packet that is late by more
-/// than [`PAUSE`] is seen in the phase until all loops have caught up.
+/// Times at which the host suspended core, bridge or observer. A setpoint or a packet that is late by more
+/// than [`PAUSE`] affects the phase until all loops have caught up.
 struct Pauses(Vec<(u64, u64)>);
 
 const PAUSE_NS: u64 = 1_500_000;
@@ -193,7 +192,7 @@ impl Pauses {
         let mut pauses = Vec::new();
         let mut last = (0, 0);
         for sight in &cut.sights {
-            // The looks are 0.7 ms apart, and the packets 1 ms.
+            // The observations are 0.7 ms apart, and the packets 1 ms.
             if sight.packets != last.0 {
                 if sight.time_ns - last.1 > 1_700_000 + PAUSE_NS {
                     pauses.push((last.1, sight.time_ns + SETTLING_NS));
@@ -219,8 +218,8 @@ impl Pauses {
     }
 }
 
-/// By how much each pass away from a start was out of phase, mm, of half, 99 of 100 and all looks where
-/// nothing paused; and the number of looks. A pass begins at `start` with a whole turn.
+/// Phase error of each pass away from a start, mm: the median, the 99th percentile and the maximum of the
+/// observations without pauses, and the number of observations. A pass begins at `start` with a whole turn.
 fn passes(cut: &Cut, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Vec<([f64; 3], usize)> {
     let pauses = Pauses::of(cut);
     let mut passes: Vec<Vec<f64>> = Vec::new();
@@ -232,7 +231,7 @@ fn passes(cut: &Cut, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Ve
             (here.z - before.z) / seconds,
             (here.turns - before.turns) / seconds,
         );
-        // A rapid is not as fast as the spindle makes a pass.
+        // A rapid does not have the speed of a pass with this spindle speed.
         if !places.contains(&here.z) || v >= -1.0 || (v.abs() / (speed.abs() * pitch) - 1.0).abs() > 0.3 {
             continue;
         }
@@ -255,7 +254,7 @@ fn passes(cut: &Cut, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Ve
         .collect()
 }
 
-/// Of errors that are sorted by their size.
+/// A quantile of errors sorted by size.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * share) as usize].abs()
 }
@@ -265,10 +264,10 @@ fn phase_bound(pitch: f64, lathe: &dyn Lathe) -> f64 {
     0.002 + lathe.resolution() * pitch + lathe.step_mm()
 }
 
-/// Errors in phase that every attempt has are no pauses of the host: they fail also where it pauses in each.
-/// Of one attempt alone nobody can tell.
+/// Phase errors that occur in every attempt are not caused by pauses of the host: they fail the test even if
+/// the host pauses in each. A single attempt proves nothing.
 struct ConstantError {
-    /// The least of the attempts, relative to the bound.
+    /// The minimum over the attempts, relative to the bound.
     least: Cell<f64>,
     attempts: Cell<u32>,
 }
@@ -281,10 +280,10 @@ impl ConstantError {
         }
     }
 
-    /// The error of half the looks of each pass of one attempt, and the bound: what is constant, the best
-    /// pass has too.
+    /// Adds the median error of each pass of one attempt, and the bound: a constant error is also in the best
+    /// pass.
     fn add(&self, errors: impl IntoIterator<Item = [f64; 3]>, bound: f64) {
-        // An attempt in which nothing was measured proves nothing.
+        // An attempt without measurements proves nothing.
         let Some(best) = errors.into_iter().map(|[half, ..]| half / bound).reduce(f64::min) else {
             return;
         };
@@ -301,7 +300,7 @@ impl ConstantError {
     }
 }
 
-/// Within the bound, and within twice of it one look in a hundred.
+/// Within the bound, and within twice the bound for one observation in a hundred.
 fn assert_in_phase(what: &str, [half, most, all]: [f64; 3], pitch: f64, lathe: &dyn Lathe) {
     let bound = phase_bound(pitch, lathe);
     assert!(
@@ -338,7 +337,7 @@ fn threads_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
     }
 }
 
-/// A tap goes in and out by the same way, and its turns fall as they rose.
+/// A tap goes in and out along the same path, and its turns fall as they rose.
 fn taps_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
     for code in ["G33.1 Z-10 K1", "G98 G84 Z-10 R5 F500"] {
         let constant = ConstantError::new();
@@ -350,8 +349,8 @@ fn taps_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
             let pauses = Pauses::of(&cut);
             let (trace, sights) = (cut.trace, cut.sights);
             let deepest = (sights.iter().map(|sight| sight.z)).fold(f64::INFINITY, f64::min);
-            // The bridge hears of the reversal with its setpoint, and acts within some milliseconds of it: 8
-            // turns a second.
+            // The bridge receives the reversal with its setpoint, and acts within a few milliseconds: 8 turns
+            // per second.
             assert!((deepest + 10.0).abs() < 0.15, "{code}: {deepest}");
             let (mut errors, mut ways) = (Vec::new(), [0, 0]);
             for pair in sights.windows(2) {
@@ -413,7 +412,7 @@ fn turned_to_angles(lathe: impl Fn() -> Arc<dyn Lathe>, tolerance_deg: f64) {
     });
 }
 
-/// G95: so much per true turn.
+/// G95: feed per true turn.
 fn feed_per_turn(lathe: impl Fn() -> Arc<dyn Lathe>) {
     where_undisturbed(LATE, || {
         let (lathe, workshop) = (lathe(), Workshop::new());
@@ -430,7 +429,7 @@ fn feed_per_turn(lathe: impl Fn() -> Arc<dyn Lathe>) {
     });
 }
 
-/// Every fault in the middle of a pass stops the axes before the end of the pass and raises an alarm.
+/// Every fault during a pass stops the axes before the end of the pass and raises an alarm.
 fn troubles_end_the_pass(lathe: impl Fn() -> Arc<dyn Lathe>, troubles: &[Trouble]) {
     for trouble in troubles.iter().copied() {
         where_undisturbed(LATE, || {
@@ -446,7 +445,7 @@ fn troubles_end_the_pass(lathe: impl Fn() -> Arc<dyn Lathe>, troubles: &[Trouble
             println!("{trouble:?}: {:?} {sentence}", status.listed_alarms());
             assert_ne!(status.job_result, DONE, "{trouble:?}");
             let alarms = status.listed_alarms();
-            // The bridge that has lost its board says so for the axes first.
+            // The bridge that has lost its board reports the axes first.
             let is_told = alarms.contains(&SPINDLE_ALARM)
                 || sentence.contains("spindle")
                 || trouble == Trouble::LinkLost && !alarms.is_empty();
@@ -537,7 +536,7 @@ fn troubles_of_an_ethercat_spindle_end_the_pass() {
     });
 }
 
-/// The pair of files that ships: its drives home, and a thread of two depths and a spring pass is in phase.
+/// The shipped pair of files: its drives home, and a thread of two depths and a spring pass is in phase.
 #[test]
 fn the_shipped_lathe_on_ethercat_homes_and_cuts_a_thread() {
     ShippedLathe::on_ring(|lathe| {

@@ -1,5 +1,5 @@
-//! G96 and G95 in real time beside a simulated spindle: what the bridge is commanded, and what the feed goes
-//! by.
+//! G96 and G95 in real time with a simulated spindle: the commands to the bridge, and what the feed refers
+//! to.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::f64::consts::TAU;
@@ -12,12 +12,12 @@ use evolvent_tests::{
 };
 use evolvent_trace::{EventKind, TraceFile};
 
-/// Numbers in a trace of how spindle 0 is and how fast it turns, among the inputs.
+/// Numbers of inputs in a trace: state and speed of spindle 0.
 const SPINDLE: u32 = 80;
 const SPEED: u32 = 98;
 const MAX_RPM: f64 = 4000.0;
 
-/// A mill whose spindle is measured; its X is the radius. A bridge on a busy host may be silent for a while.
+/// A mill with a measured spindle; its X is the radius. A bridge on a busy host may be silent for a while.
 fn machine(workshop: &Workshop, name: &str) -> PathBuf {
     let file = workshop.mill(
         name,
@@ -31,7 +31,7 @@ fn machine(workshop: &Workshop, name: &str) -> PathBuf {
     workshop.write("machine.toml", text + &spindle)
 }
 
-/// The inputs of a number in a trace: the setpoint from which each counts, and its text.
+/// The inputs with a number in a trace: the setpoint from which each applies, and its text.
 fn inputs(trace: &Path, code: u32) -> Vec<(u64, String)> {
     let mut file = TraceFile::open(trace).expect("a trace");
     let events = file.events().map(|event| event.expect("a readable event"));
@@ -50,7 +50,7 @@ fn the_spindle_is_commanded_by_the_radius_of_each_setpoint_and_feed_waits_behind
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = machine(&workshop, "surface");
-        // The centre is 20 mm beside the machine's zero.
+        // The centre is 20 mm from the zero of the machine.
         let program =
             "G21 G90 G95 G10 L2 P1 X20\nG0 X60\nG96 S120 D2500 M3\nG1 Y1 F0.4\nX4\nG0 X30\nG1 Y5\nM5\nM2\n";
         let program = workshop.write("program.ngc", program);
@@ -76,11 +76,12 @@ fn the_spindle_is_commanded_by_the_radius_of_each_setpoint_and_feed_waits_behind
                 cycle.position[0]
             );
         }
-        // From 318 to 2500 rpm and back in steps of 0.1 %: some 2000 one way, and one a setpoint at the most.
+        // From 318 to 2500 rpm and back in steps of 0.1 %: about 2000 in one direction, at most one per
+        // setpoint.
         assert!(commanded.len() > 300, "{}", commanded.len());
         let fastest = commanded.iter().map(|message| message.spindle_rpm[0]);
         assert!((fastest.fold(0.0, f64::max) / 2500.0 - 1.0).abs() < 0.002);
-        // Behind the rapid the feed waits for the speed of its radius, some 1860 rpm slower.
+        // After the rapid the feed waits for the speed at its radius, about 1860 rpm slower.
         let at_speed: Vec<u64> = (inputs(&trace, SPINDLE).iter())
             .filter(|(_, text)| text == "spindle 0 at speed")
             .map(|(sequence, _)| *sequence)
@@ -100,7 +101,7 @@ fn the_spindle_is_commanded_by_the_radius_of_each_setpoint_and_feed_waits_behind
     });
 }
 
-/// The feed per revolution by the speed that the trace has last, at every setpoint of a way along X.
+/// The feed per revolution with the last speed in the trace, at every setpoint of a motion along X.
 fn feeds_per_turn(trace: &Path, cycles: &[Cycle], from_x: f64, to_x: f64) -> Vec<(f64, f64)> {
     let told: Vec<(u64, f64)> = (inputs(trace, SPEED).iter())
         .filter_map(|(sequence, text)| {
@@ -151,7 +152,7 @@ fn feed_per_revolution_follows_the_measured_speed_of_a_spindle_that_slows_down()
             (fastest / 1200.0 - 1.0).abs() < 0.02 && slowest < 0.9 * fastest,
             "{slowest} to {fastest}"
         );
-        // While it slows down the feed is behind by its ramp; at both speeds it is right.
+        // While the spindle slows down the feed lags by its ramp; at both speeds it is exact.
         let right = feeds.iter().filter(|(_, feed)| (feed / 0.5 - 1.0).abs() < 0.02);
         assert!(right.count() as f64 > 0.9 * feeds.len() as f64);
         assert!(
@@ -189,7 +190,7 @@ fn the_override_of_the_spindle_reaches_the_bridge_where_it_counts_and_feed_per_r
         });
         assert!((status.spindle_override_ratio - 0.5).abs() < 1e-9);
         operator.waits("half the feed", |status| (status.feed_mm_s - 5.0).abs() < 0.15);
-        // Switched off by the program: all of both.
+        // Disabled by the program: both are at 100 %.
         let status = operator.waits("the second part", |status| status.position_machine[0] > 150.0);
         assert!(
             (status.spindle_rpm - 1000.0).abs() < 1.0,
@@ -200,7 +201,7 @@ fn the_override_of_the_spindle_reaches_the_bridge_where_it_counts_and_feed_per_r
         operator.waits("the third part", |status| {
             status.position_machine[0] > 210.0 && (status.feed_mm_s - 5.0).abs() < 0.15
         });
-        // No faster than the spindle may turn.
+        // Not above the maximum speed of the spindle.
         operator.does(&ControlRequest {
             amount: 2.0,
             ..command("SPINDLE_OVERRIDE")

@@ -1,5 +1,5 @@
-//! The units for systemd: tight, for any host, and started for real where this runs as root. What cannot be
-//! done is "not measured".
+//! The units for systemd: restrictive, for any host, and really started if this runs as root. Checks that
+//! cannot be made are reported as "not measured".
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use evolvent_tests::{Workshop, evolvent, repository};
 
-/// The worst rating that is permitted, in tenths.
+/// The worst permitted rating, in tenths.
 const RATING: u32 = 30;
 
 fn units() -> Vec<PathBuf> {
@@ -51,8 +51,8 @@ fn units_name_no_core_that_a_host_may_not_have() {
     }
 }
 
-/// At boot drives and boards often have no supply yet: with systemd's limit of five starts in ten seconds a
-/// bridge would give up before.
+/// At boot drives and boards often have no supply yet: with systemd's default limit of five starts in ten
+/// seconds a bridge would give up too early.
 #[test]
 fn bridges_are_started_for_ever() {
     let is_bridge = |unit: &PathBuf| unit.file_stem().is_some_and(|name| name != "evolvent@");
@@ -69,7 +69,7 @@ fn bridges_are_started_for_ever() {
             "{}",
             unit.display()
         );
-        // Another start does not correct wrong arguments and files, and would fill the journal.
+        // Another start does not correct wrong arguments or files, and would fill the journal.
         assert!(
             service.lines().any(|line| line == "RestartPreventExitStatus=2"),
             "{}",
@@ -78,7 +78,7 @@ fn bridges_are_started_for_ever() {
     }
 }
 
-/// What the services were found to be and do, line by line (`tests/systemd/probe`).
+/// The observed states and actions of the services, line by line (`tests/systemd/probe`).
 const FACTS: &str = "active evolvent: active
 active evolvent-bridge: active
 Uid: 963
@@ -111,10 +111,10 @@ traces: 3
 bridge stopped: success
 ";
 
-/// Boots systemd with the units of a folder in namespaces of its own, until this fact is found; the folder
-/// with what was found, or why it cannot be done.
+/// Boots systemd with the units of a folder in separate namespaces until this fact is found. Returns the
+/// folder with the results, or the reason why that is impossible.
 fn boot(workshop: &Workshop, units: &Path, fact: &str) -> Result<PathBuf, &'static str> {
-    // Whoever runs the tests as root has not asked for a second systemd on the host.
+    // Running the tests as root does not imply permission for a second systemd on the host.
     if std::env::var_os("EVOLVENT_BOOT_SYSTEMD").is_none() {
         return Err("EVOLVENT_BOOT_SYSTEMD=1 boots a systemd in namespaces of its own (as root)");
     }
@@ -132,7 +132,7 @@ fn boot(workshop: &Workshop, units: &Path, fact: &str) -> Result<PathBuf, &'stat
     let output = workshop.path("systemd");
     std::fs::create_dir_all(&output).expect("a folder");
     let script = repository().join("tests/systemd/boot");
-    // With a lead for hosts that do other things, too.
+    // With a lead for busy hosts.
     let machine = repository().join("config/machines/mill-3axis.toml");
     let text = std::fs::read_to_string(machine).expect("a machine file");
     let machine = workshop.write("mill-3axis.toml", format!("lead_ms = 28\n{text}"));
@@ -169,7 +169,7 @@ fn boot(workshop: &Workshop, units: &Path, fact: &str) -> Result<PathBuf, &'stat
     };
     let _gone = booted.kill();
     let _gone = booted.wait();
-    // Its processes end with it, a moment later.
+    // Its processes end shortly after it.
     std::thread::sleep(Duration::from_millis(300));
     let _left = Command::new(&script).arg("clean").arg(&output).status();
     if has_ended && !output.join("facts").exists() {
@@ -217,7 +217,7 @@ fn units_run_as_they_are_under_systemd() {
     );
     let status: serde_json::Value = serde_json::from_str(&read("status")).expect("a status");
     assert_eq!(status["position_machine"]["X"], 1.0, "{status}");
-    // Who may not is told whose it is.
+    // A user without the right is told whose it is.
     assert!(read("said").contains("user evolvent"), "{}", read("said"));
 }
 

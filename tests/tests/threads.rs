@@ -1,5 +1,5 @@
-//! Threads beside a simulated spindle: phase by what its encoder said, holds, faults, taps, and what is
-//! refused.
+//! Threads with a simulated spindle: phase according to its encoder, holds, faults, taps, and rejected
+//! threads.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ fn lathe(workshop: &Workshop) -> PathBuf {
     workshop.lathe("threader", SPINDLE)
 }
 
-/// Runs a program beside a simulated spindle, and gives what came of it and its trace.
+/// Runs a program with a simulated spindle; returns the result and the trace.
 fn drive(workshop: &Workshop, program: &str, options: &[&str]) -> (Finished, PathBuf) {
     workshop.turn(&lathe(workshop), program, options)
 }
@@ -56,7 +56,7 @@ fn a_thread_of_two_starts_begins_half_a_turn_later() {
                        G33 Z-15 K2 Q180\nG0 X20\nM5\nM2\n";
         let (finished, trace) = drive(&workshop, program, &[]);
         finished.expect_code(&[0, 3]);
-        // Counter-clockwise: the angle falls while the thread goes on.
+        // Counter-clockwise: the angle falls while the thread advances.
         let all = cycles(&trace);
         let first = all.first().expect("cycles").sequence;
         let mut starts: Vec<f64> = Vec::new();
@@ -92,8 +92,8 @@ fn a_tap_comes_back_to_its_start_with_the_spindle_turned_back() {
         let deepest = (all.iter())
             .map(|cycle| cycle.position[Z])
             .fold(f64::INFINITY, f64::min);
-        // The bridge hears of the order with its setpoint, and acts within a millisecond or two of it: 8
-        // turns a second.
+        // The bridge receives the command with its setpoint, and acts within one or two milliseconds: 8 turns
+        // per second.
         assert!((deepest + 10.0).abs() < 0.1, "{deepest}");
         let out = all
             .iter()
@@ -103,7 +103,7 @@ fn a_tap_comes_back_to_its_start_with_the_spindle_turned_back() {
             all[out..].iter().any(|cycle| cycle.position[Z] == 5.0),
             "back at its start"
         );
-        // In and out by the same way: the turns fall as they rose.
+        // In and out along the same path: the turns fall as they rose.
         let errors = phases(&trace, 1.0, 5.0, -7.0..4.0);
         assert!(errors.iter().all(|pass| pass.worst_mm < 0.0025), "{errors:?}");
         let samples = angles(&trace);
@@ -145,8 +145,8 @@ fn a_spindle_that_fails_in_a_pass_ends_it_at_rest_and_is_told() {
     }
 }
 
-/// A pass notices itself that its spindle stalls; behind it that is noticed as ever, from the next feed to
-/// the end of the program.
+/// A pass itself detects a stalled spindle; after the pass the usual check does, from the next feed to the
+/// end of the program.
 #[test]
 fn a_spindle_that_stalls_behind_a_pass_raises_its_alarm() {
     unless_disturbed(|| {
@@ -193,7 +193,7 @@ fn a_hold_in_a_pass_holds_behind_it_and_the_next_pass_meets_the_groove() {
         });
         operator.says("HOLD");
         let held = operator.waits("the hold", |status| status.state == 3);
-        // Behind the pass, not in it.
+        // After the pass, not in it.
         assert!((held.position_machine[Z] + 25.0).abs() < 1e-6, "{held:?}");
         operator.says("RESUME");
         let end = operator.sees_end(job);
@@ -282,9 +282,8 @@ fn the_last_cycle_of_a_thread_is_exactly_at_its_end() {
     verifies(&trace);
 }
 
-/// Where the groove of each pass towards negative Z lies, as a part of a turn, and how much that differs
-/// within the pass, in turns. With the virtual clock the angle is in no sample: between commands the spindle
-/// turns evenly.
+/// The groove of each pass towards negative Z, as a fraction of a turn, and its variation within the pass, in
+/// turns. With the virtual clock no sample contains the angle: between commands the spindle turns evenly.
 fn grooves(trace: &std::path::Path, turns_per_s: f64, pitch: f64) -> Vec<(f64, f64)> {
     let mut found: Vec<(f64, f64)> = Vec::new();
     let mut last = 0;
@@ -309,7 +308,7 @@ fn grooves(trace: &std::path::Path, turns_per_s: f64, pitch: f64) -> Vec<(f64, f
         .collect()
 }
 
-/// Runs a program with the virtual clock twice, and plans it; its trace.
+/// Runs a program twice with the virtual clock, and plans it; returns the trace.
 fn imagine(workshop: &Workshop, program: &str) -> PathBuf {
     let machine = lathe(workshop);
     let program = workshop.write("program.ngc", program);
@@ -373,7 +372,7 @@ fn with_the_virtual_clock_starts_and_taps_keep_their_angle() {
     let passes = grooves(&imagine(&workshop, program), 10.0, 2.0);
     assert_eq!(passes.len(), 2, "{passes:?}");
     assert!((passes[1].0 - 0.5).abs() < 1e-3, "{passes:?}");
-    // A hole, tapped twice: in and out again by the same thread, whose groove the second tap meets.
+    // A hole, tapped twice: in and out along the same thread, which the second tap meets.
     let program =
         "G21 G18 G90 G8\nS480 M3\nG0 X0 Z5\nG33.1 Z-10 K1\nG4 P0.33\nG33.1 Z-10 K1\nG0 X20\nM5\nM2\n";
     let workshop = Workshop::new();
@@ -385,8 +384,8 @@ fn with_the_virtual_clock_starts_and_taps_keep_their_angle() {
         .map(|cycle| cycle.position[Z])
         .fold(f64::INFINITY, f64::min);
     assert!((deepest + 10.0).abs() < 0.02, "{deepest}");
-    // Out by the same thread as in. The spindle reverses by 2000 rpm per second, from where Z is no longer as
-    // fast as the thread.
+    // Out along the same thread. The spindle reverses at 2000 rpm per second, from the point at which Z
+    // becomes slower than the thread.
     let (mut turns, mut speed, mut wanted, mut worst) = (0.0_f64, 8.0_f64, 8.0_f64, 0.0_f64);
     let (mut start, mut compared) = (None, 0);
     let rate = 2000.0 / 60.0 * 1e-3;

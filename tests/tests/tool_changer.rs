@@ -1,5 +1,5 @@
-//! A tool changer that a subroutine operates: a served machine with a simulated bridge, its outputs wired to
-//! its inputs.
+//! A tool changer that a subroutine operates: a served machine with a simulated bridge, whose outputs are
+//! wired to its inputs.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -36,8 +36,8 @@ name = \"carousel\"
 number = 2
 ";
 
-/// To the pocket, drawbar open and closed. Tool 5 sits where the carousel never comes, tool 6 where nobody
-/// opens the drawbar.
+/// To the pocket, drawbar open and closed. The carousel never reaches tool 5, and the drawbar does not open
+/// for tool 6.
 const CHANGE: &str = "o<toolchange> sub
 G21 G90 G53 G1 X[#3] F6000
 o10 if [#1 EQ 5]
@@ -134,7 +134,7 @@ fn mdi(text: &str) -> ControlRequest {
     request
 }
 
-/// Names the tool after a change that was broken off.
+/// Declares the tool after an aborted change.
 fn names_tool(operator: &mut Operator, tool: u32) {
     operator.says_number("MODE", 2);
     let job = operator.does(&mdi(&format!("M61 Q{tool}"))).job;
@@ -157,7 +157,7 @@ fn tools_go_from_pocket_to_pocket_and_a_restart_knows_them() {
         );
         let status = operator.waits("the first change", |status| status.tool_change == 2);
         assert_eq!((status.tool, status.tool_wanted), (0, 2));
-        // The status may tell of it first; nothing has moved before the mark is on the disk.
+        // The status may report it first; nothing has moved before the mark is on the disk.
         let begun = std::time::Instant::now();
         loop {
             let position = operator.now().position_machine;
@@ -174,12 +174,12 @@ fn tools_go_from_pocket_to_pocket_and_a_restart_knows_them() {
             "{}",
             status.alarm_sentence()
         );
-        // Incremental as before, at the feed of before: 3 in the first, 4 from 0 behind the last change.
+        // Incremental as before, at the previous feed: 3 in the first, 4 from 0 after the last change.
         assert_eq!(status.position_machine[0], 4.0);
         assert!(!shop.is_marked());
         // By hand: 12 is empty, then has 2, then 3.
         assert_eq!(shop.pockets(), [(0, 12), (2, 0), (3, 13), (5, 15), (6, 16)]);
-        // A stop behind a change leaves the tool that is in the spindle, on the disk at once.
+        // A stop after a change keeps the tool in the spindle, and saves it at once.
         operator.says_number("MODE", 0);
         let job = shop.starts(&mut operator, "G21\nT3 M6\nG4 P60\nM2\n");
         operator.waits("the dwell", |status| status.tool == 3 && status.state == 6);
@@ -199,7 +199,7 @@ fn tools_go_from_pocket_to_pocket_and_a_restart_knows_them() {
         let mut operator = shop.operator();
         assert_eq!(operator.now().tool, 3);
         operator.brings_up();
-        // The same tool again asks nothing of the changer.
+        // The same tool again requires no action of the changer.
         let job = shop.starts(&mut operator, "G21\nT3 M6\nT0 M6\nM2\n");
         assert_eq!(operator.sees_end(job).tool, 0);
         assert_eq!(shop.pockets(), [(0, 0), (2, 13), (3, 12), (5, 15), (6, 16)]);
@@ -273,7 +273,7 @@ fn holds_go_on_and_stops_and_failures_leave_the_tool_unknown() {
         let _drives = shop.drives();
         let mut operator = shop.operator();
         operator.brings_up();
-        // Held on the way to the pocket, at 6 m/min over 12 mm.
+        // Held during the move to the pocket, at 6 m/min over 12 mm.
         let job = shop.starts(&mut operator, "G21\nT2 M6\nM2\n");
         operator.waits("the change", |status| status.tool_change == 2);
         operator.says("HOLD");
@@ -282,7 +282,7 @@ fn holds_go_on_and_stops_and_failures_leave_the_tool_unknown() {
         assert_eq!((status.tool, status.tool_change), (0, 2));
         operator.says("RESUME");
         assert_eq!(operator.sees_end(job).tool, 2);
-        // Stopped where it waits for the carousel.
+        // Stopped while it waits for the carousel.
         let job = shop.starts(&mut operator, "G21\nT5 M6\nM2\n");
         operator.waits("the pocket", |status| status.position_machine[0] == 15.0);
         operator.says("STOP");
@@ -301,7 +301,7 @@ fn holds_go_on_and_stops_and_failures_leave_the_tool_unknown() {
         });
         names_tool(&mut operator, 2);
         operator.waits("the tool", |status| status.switches & switches::TOOL_UNKNOWN == 0);
-        // A drawbar that does not open: the subroutine gives up, by file and line.
+        // A drawbar that does not open: the subroutine gives up, with file and line.
         let job = shop.starts(&mut operator, "G21\nT6 M6\nG1 X9 F100\nM2\n");
         let status = operator.sees_end(job);
         assert_eq!((status.job_result, status.tool), (FAILED, 2));
@@ -313,7 +313,7 @@ fn holds_go_on_and_stops_and_failures_leave_the_tool_unknown() {
         });
         operator.says("CLEAR_ALARMS");
         names_tool(&mut operator, 2);
-        // In the emergency stop as well.
+        // Also in the emergency stop.
         let job = shop.starts(&mut operator, "G21\nT5 M6\nM2\n");
         operator.waits("the pocket", |status| status.position_machine[0] == 15.0);
         operator.says("ESTOP");
@@ -323,7 +323,7 @@ fn holds_go_on_and_stops_and_failures_leave_the_tool_unknown() {
         operator.brings_up();
         assert_eq!(operator.ask(&command("START")).alarm, TOOL_UNKNOWN);
         names_tool(&mut operator, 2);
-        // A tool that the table does not know is found before anything moves.
+        // A tool that is not in the table is found before anything moves.
         let program = shop.workshop.write("unknown.ngc", "G21\nT77 M6\nM2\n");
         operator.says_number("MODE", 0);
         let mut load = command("LOAD");

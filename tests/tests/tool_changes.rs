@@ -1,4 +1,4 @@
-//! M6, spindle and coolant: who is asked, and what the bus says while the program waits.
+//! M6, spindle and coolant: the operator's confirmation, and the values on the bus while the program waits.
 #![expect(
     clippy::expect_used,
     clippy::panic,
@@ -17,7 +17,7 @@ use evolvent_tests::{
 const DONE: u32 = 1;
 const STOPPED: u32 = 2;
 
-/// A mill whose machine file says more of programs.
+/// A mill with more program settings in its machine file.
 fn mill(workshop: &Workshop, name: &str, program: &str) -> PathBuf {
     let text = std::fs::read_to_string(workshop.mill(name, &[])).expect("a machine file");
     workshop.write(
@@ -52,11 +52,11 @@ fn m6_waits_for_the_operator_and_names_the_tool() {
             status.operator_message()
         );
         assert_eq!(status.position_machine[0], 5.0);
-        // It stays until it is confirmed.
+        // It waits until it is confirmed.
         std::thread::sleep(std::time::Duration::from_millis(300));
         assert_eq!(operator.now().line, 3);
         operator.says("RESUME");
-        // The tool is in the spindle: the second M6 asks nobody, the third empties the spindle.
+        // The tool is in the spindle: the second M6 needs no confirmation, the third empties the spindle.
         let status = stands_at(&mut operator, 6);
         assert_eq!((status.tool_change, status.tool_wanted, status.tool), (1, 0, 4));
         assert!(
@@ -67,7 +67,7 @@ fn m6_waits_for_the_operator_and_names_the_tool() {
         operator.says("RESUME");
         let status = operator.sees_end(job);
         assert_eq!((status.job_result, status.tool_change, status.tool), (DONE, 0, 0));
-        // A tool that one block of MDI selects another one changes to, and a program.
+        // A tool that one block of MDI selects is used by a later block, and by a program.
         operator.says_number("MODE", 2);
         for (select, change, tool) in [("T5", "M6", 5), ("G0 X1 T6", "G0 X2", 5), ("G4 P0", "M6", 6)] {
             for block in [select, change] {
@@ -91,7 +91,7 @@ fn m6_waits_for_the_operator_and_names_the_tool() {
         assert_eq!(status.tool_wanted, 8);
         operator.says("RESUME");
         assert_eq!(operator.sees_end(job).job_result, DONE);
-        // In a block of MDI; a stop leaves the tool as it was.
+        // In a block of MDI; a stop keeps the tool as it was.
         operator.says_number("MODE", 2);
         let job = operator.says_text("MDI", "T9 M6").job;
         let status = operator.waits("the change", |status| status.tool_change == 1);
@@ -105,7 +105,7 @@ fn m6_waits_for_the_operator_and_names_the_tool() {
         let message = status.operator_message();
         let abandoned = "the tool change to tool 9 was abandoned, and the spindle still counts as empty";
         assert!(message.starts_with(abandoned), "{message}");
-        // Once confirmed, a change is not abandoned by a stop.
+        // Once confirmed, a change is not cancelled by a stop.
         let job = operator.says_text("MDI", "T9 M6 G4 P60").job;
         operator.waits("the change", |status| status.tool_change == 1);
         operator.says("RESUME");
@@ -114,7 +114,7 @@ fn m6_waits_for_the_operator_and_names_the_tool() {
         let status = operator.sees_end(job);
         assert_eq!((status.job_result, status.tool), (STOPPED, 9));
         assert!(!status.operator_message().contains("abandoned"));
-        // An emergency stop ends a change as well.
+        // An emergency stop also ends a change.
         operator.says_text("MDI", "T0 M6");
         operator.waits("the change", |status| status.tool_change == 1);
         operator.says("ESTOP");
@@ -162,7 +162,7 @@ fn an_automatic_changer_is_run_and_its_failure_stops() {
             (&102.into(), &5.0.into())
         );
         assert!(summary["error"].to_string().contains("exit code 5"), "{summary}");
-        // A changer that is missing is found before anything moves.
+        // A missing changer is found before anything moves.
         std::fs::remove_file(&changer).expect("removed");
         let summary = run().expect_code(&[1]).json();
         assert_eq!(summary["cycles"], 0);
@@ -189,13 +189,13 @@ fn a_run_without_operator_refuses_m6_before_it_moves() {
         "{error}"
     );
     assert_eq!(refused["cycles"], 0);
-    // Unchecked, it stops there.
+    // Unchecked, the program stops there.
     let stopped = run(&["--unchecked"]).expect_code(&[1]).json();
     assert_eq!(stopped["end_position"][0], 5.0, "{stopped}");
     // With the tool in the spindle there is nothing to change.
     let done = run(&["--tool", "3"]).expect_code(&[0, 3]).json();
     assert_eq!(done["end_position"][0], 9.0);
-    // A machine without a spindle goes on, and says so.
+    // A machine without a spindle continues, with a message.
     let bench = mill(&workshop, "tc-none", "tool_change = \"none\"");
     let done = Launch::in_real_time(&program, &bench, &domain)
         .no_trace()
@@ -210,7 +210,7 @@ fn a_run_without_operator_refuses_m6_before_it_moves() {
     );
 }
 
-/// What somebody at a terminal of a kind sees who starts a program and types as `steps` say; none without
+/// Output on a terminal of this kind for an operator who starts a program and types `steps`; `None` without
 /// Python.
 fn at_terminal(
     kind: &str,
@@ -249,14 +249,14 @@ fn at_a_terminal_enter_confirms_the_tool() {
     let machine = workshop.mill("tc-terminal", &[]);
     let first = "put tool 3 into the spindle";
     let steps = serde_json::json!([
-        // What was typed before the machine stands there is no answer.
+        // Input before the machine has stopped there does not count as a confirmation.
         ["type", "\n"],
         ["see", first],
         ["see", "line 3: press Enter to continue"],
         ["silent", 0.7, "press Enter"],
         ["silent", 0.3, "done"],
         ["type", "\n"],
-        // The second T3 M6 has its tool.
+        // The tool of the second T3 M6 is in the spindle.
         ["see", "take tool 3 out of the spindle"],
         ["see", "line 7: press Enter to continue"],
         ["silent", 0.5, "done"],
@@ -270,7 +270,7 @@ fn at_a_terminal_enter_confirms_the_tool() {
     assert_eq!(played["code"], 0, "{played}");
     let screen = played["screen"].as_str().expect("a text");
     assert_eq!(screen.matches("press Enter").count(), 2, "{screen}");
-    // Ctrl-C at the prompt ends the run there, with the tool as it was.
+    // Ctrl-C at the prompt ends the run there, with the tool unchanged.
     let steps = serde_json::json!([
         ["see", "press Enter to continue"],
         ["type", "\u{3}"],
@@ -399,7 +399,7 @@ fn mdi_leaves_spindle_and_coolant_until_told_otherwise() {
             (900.0, 2),
             "a new speed while it turns"
         );
-        // Jogs leave them alone, even where they are stopped.
+        // Jogs do not change them, even when they are stopped.
         operator.says_number("MODE", 1);
         let mut jog = command("JOG");
         (jog.axes_mask, jog.index, jog.values[0]) = (1, 1, 1.0);
@@ -460,7 +460,7 @@ fn a_run_says_on_the_bus_what_spindle_and_coolant_do() {
     });
 }
 
-/// The moves and outputs of a subroutine are those of the run, whatever its clock.
+/// A subroutine has the same moves and outputs with either clock.
 #[test]
 fn a_change_by_a_subroutine_is_carried_out_in_virtual_time_too() {
     let workshop = Workshop::new();

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use evolvent_tests::{Scene, evolvent, python, unless_disturbed};
 use serde_json::Value;
 
-/// What is seen of the scene's machine on a terminal of this size, that is left by `end`.
+/// The output for the machine of the scene on a terminal of this size, ended by `end`.
 fn seen(scene: &Scene, rows: usize, columns: usize, end: &str) -> Option<Value> {
     let mut watcher: Command = python("watch_screen.py")?;
     let output = watcher
@@ -47,7 +47,7 @@ fn the_screen_of_a_machine_fits_its_terminal_and_gives_it_back_by_key_and_by_sig
                 lines.iter().all(|line| line.chars().count() <= columns),
                 "{lines:?}"
             );
-            // All of it where there is room.
+            // The whole line if there is space.
             let whole = lines.iter().any(|line| line.contains("q ends"));
             assert_eq!(whole, rows == 40, "{lines:?}");
         }

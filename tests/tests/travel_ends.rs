@@ -1,4 +1,4 @@
-//! Homing and jogs at the ends of the travel, and on axes whose zero is unknown, come out the same from their
+//! Homing and jogs at the ends of the travel, and on axes whose zero is unknown, are recomputed from their
 //! trace.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
@@ -21,7 +21,7 @@ fn jog(axis: usize, distance: Option<f64>, speed: f64) -> ControlRequest {
     request
 }
 
-/// Jogs beyond the travel before homing, homing with a switch at the travel's end, and stops on the last
+/// Jogs beyond the travel before homing, homing with a switch at the end of the travel, and stops on the last
 /// millimetres.
 fn session(workshop: &Workshop, lead: u32) -> PathBuf {
     let domain = Domain::new();
@@ -41,7 +41,8 @@ fn session(workshop: &Workshop, lead: u32) -> PathBuf {
     operator.waits("drives", |status| status.feedback_age_ns < 1_000_000_000);
     operator.brings_up();
     operator.says_number("MODE", 1);
-    // X is not homed: it may go its travel's length either way, here onto the limit switch beyond its end.
+    // X is not homed: it may move by the length of its travel in either direction, here onto the limit switch
+    // beyond its end.
     let job = operator.does(&jog(0, Some(450.0), 400.0)).job;
     let status = operator.sees_end(job);
     assert_eq!(status.listed_alarms(), [411], "{}", status.alarm_sentence());
@@ -99,7 +100,7 @@ fn a_trace_without_cycles_is_not_the_same_as_anything() {
     assert!(finished.out.contains("nothing was compared"), "{}", finished.out);
 }
 
-/// What is left of a session whose cycles were all lost: another trace's description with nothing behind it.
+/// A session whose cycles were all lost: the description of another trace without contents.
 fn session_of_nothing(path: &Path, workshop: &Workshop) -> PathBuf {
     let machine = workshop.mill("nothing", &[]);
     let recorded = workshop.path("recorded.mcap");

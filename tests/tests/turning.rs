@@ -1,4 +1,4 @@
-//! Turning by the cutting load, in real time over the real bus: simulated drives cut a simulated stock.
+//! Turning with the cutting load, in real time over the real bus: simulated drives cut a simulated stock.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -11,9 +11,9 @@ use evolvent_tests::{
     unless_disturbed,
 };
 
-/// A cutting load had come: a bit of `inputs` in the trace.
+/// Bit of `inputs` in the trace: a cutting load has arrived.
 const LOAD_CAME: u32 = 32;
-/// A job ended as it should, and with a fault.
+/// Job results: done, and with a fault.
 const DONE: u32 = 1;
 const FAULT: u32 = 4;
 /// At rest in a hold.
@@ -25,7 +25,7 @@ fn cutting_drives(machine: &Path, process: &Path, domain: &Domain) -> Drives {
 }
 
 /// A lathe at 500 Hz that is never stopped for lateness, and a short stock. Busy hosts deliver readings late:
-/// a reading may be half a second old, which a slow spindle allows.
+/// a reading may be half a second old, which a slow spindle permits.
 fn scene(workshop: &Workshop, name: &str) -> (PathBuf, PathBuf) {
     let read = |file: &str| std::fs::read_to_string(repository().join(file)).expect("a shipped file");
     let machine = read("config/machines/lathe-2axis.toml")
@@ -66,7 +66,7 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
             notes.contains("the run ends if they stop by themselves"),
             "{notes}"
         );
-        // The tool has cut: two passes at least were felt, and their load is the one that was set.
+        // The tool has cut: at least two passes were measured, and their load is the set one.
         let turning = &summary["turning"];
         let number = |key: &str| turning[key].as_f64().expect("a number");
         assert_eq!((number("cycles"), number("done")), (1.0, 1.0), "{turning}");
@@ -127,7 +127,7 @@ fn a_sensor_that_reads_zero_in_a_cut_ends_the_run() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let (machine, process) = scene(&workshop, "turn-zero");
-        // Long enough to be cut for a minute and more.
+        // Long enough to cut for a minute and more.
         let text = std::fs::read_to_string(&process).expect("a process file");
         let process = workshop.write(
             "process.toml",
@@ -156,8 +156,8 @@ fn a_sensor_that_reads_zero_in_a_cut_ends_the_run() {
     });
 }
 
-/// A cut that takes a minute and more, by the load that simulated drives measure; the summary of the run,
-/// what the drives said, and what becomes of it meanwhile.
+/// A cut of more than a minute, with the load that simulated drives measure. Returns the summary of the run,
+/// the output of the drives, and the result of the action meanwhile.
 fn long_cut(
     name: &str,
     options: &[&str],
@@ -218,7 +218,8 @@ fn a_drive_that_fails_ends_the_run_that_cuts_with_it() {
     });
 }
 
-/// Without setpoints the drives brake and hold, and a core that goes on elsewhere is followed no more.
+/// Without setpoints the drives brake and hold, and a core that resumes at another position is no longer
+/// followed.
 #[test]
 fn drives_that_have_stopped_while_the_core_was_suspended_end_the_run() {
     unless_disturbed(|| {
@@ -226,7 +227,7 @@ fn drives_that_have_stopped_while_the_core_was_suspended_end_the_run() {
         let (summary, said) = long_cut(name, &[], |domain, run| {
             let mut setpoints = domain.client(name).setpoints().expect("setpoints");
             let begin = Instant::now();
-            // In the cut.
+            // During the cut.
             while !setpoints
                 .receive()
                 .expect("setpoints")
@@ -256,7 +257,7 @@ fn drives_that_have_stopped_while_the_core_was_suspended_end_the_run() {
     });
 }
 
-/// The run of a program by adaptive feed: 10 mm at 60 rev/min, 0.4 mm/rev programmed.
+/// A program with adaptive feed: 10 mm at 60 rev/min, 0.4 mm/rev programmed.
 struct AdaptiveRun {
     workshop: Workshop,
     domain: Domain,
@@ -305,7 +306,7 @@ impl AdaptiveRun {
         }
     }
 
-    /// Waits until the tool has gone so far.
+    /// Waits until the tool has reached this position.
     fn waits_for_z(&self, name: &str, z_mm: f64) {
         let mut setpoints = self.domain.client(name).setpoints().expect("setpoints");
         let begin = Instant::now();
@@ -336,7 +337,7 @@ fn feed(cycle: &Cycle) -> f64 {
     cycle.velocity[2].abs()
 }
 
-/// The first cycle that stands after the last reading of the load, and how many seconds it is behind it.
+/// The first cycle at rest after the last reading of the load, and the seconds between the two.
 fn stands_after_the_last_reading(seen: &[Cycle]) -> (usize, f64) {
     let last = seen
         .iter()
@@ -355,7 +356,7 @@ fn adaptive_feed_holds_the_load_that_simulated_drives_measure() {
         let (finished, seen, _workshop) = scene.finish();
         let summary = finished.expect_code(&[0, 3]).json();
         assert_eq!(summary["outcome"], "done", "{summary}");
-        // From 4 to 9 mm behind the face 1.3 to 2.2 mm are cut: the factor that holds the load is within its
+        // From 4 to 9 mm after the face 1.3 to 2.2 mm are cut: the factor that holds the load is within its
         // limits.
         let cut: Vec<&Cycle> = seen
             .iter()
@@ -369,7 +370,7 @@ fn adaptive_feed_holds_the_load_that_simulated_drives_measure() {
             "{mean} of {}",
             cut.len()
         );
-        // The programmed feed, 0.4 mm/s, would give 1.3 to 2.2 times the load: it is the feed that holds it.
+        // The programmed feed, 0.4 mm/s, would give 1.3 to 2.2 times the load: the feed holds it.
         let last = cut.last().expect("cycles");
         assert!(feed(last) < 0.22, "{}", feed(last));
         let mut above = 0.0;
@@ -415,7 +416,7 @@ fn ctl(domain: &Domain, name: &str, command: &[&str]) -> Finished {
     run(common.iter().chain(command)).expect_code(&[0])
 }
 
-/// A lathe that is served, with a process file and simulated drives that cut its stock.
+/// A served lathe with a process file and simulated drives that cut its stock.
 struct ServedLathe {
     drives: Option<Drives>,
     served: Option<Served>,
@@ -436,7 +437,7 @@ impl ServedLathe {
                 .replace("z_mm = 300.0", "z_mm = 296.0");
             std::fs::write(&process, text).expect("a process file");
         }
-        // Only the sensor is to be missed.
+        // Only the sensor may be missing.
         let text = std::fs::read_to_string(&machine).expect("a machine file");
         let machine = workshop.write("lathe.toml", text + "\n[drives]\nfeedback = \"ignore\"\n");
         let program = workshop.write("turn.ngc", program);
@@ -464,14 +465,14 @@ impl ServedLathe {
         ctl(&self.domain, &self.name, command);
     }
 
-    /// Waits until the tip is well behind the place of the job's start, along this axis, where it cuts.
+    /// Waits until the tip is well past the start of the job along this axis, where it cuts.
     fn waits_for_cut(&mut self, axis: usize, place_mm: f64) {
         self.operator
             .waits("a cut", |status| status.position_machine[axis] < place_mm);
     }
 
-    /// Holds it while it cuts, up to 2.5 mm behind this place. A host that is busy may bring the command when
-    /// the pass is over: then the next pass is held.
+    /// Holds it while it cuts, up to 2.5 mm past this position. A busy host may deliver the command after the
+    /// pass: then the next pass is held.
     fn holds_in_the_cut(&mut self, axis: usize, place_mm: f64) -> Status {
         let held = (0..3).find_map(|_| {
             self.waits_for_cut(axis, place_mm);
@@ -490,7 +491,7 @@ impl ServedLathe {
         held.expect("a pass that is not over before it is held")
     }
 
-    /// Every cycle, and the events; the trace has come out the same again.
+    /// Returns every cycle and the events; the trace was recomputed.
     fn end(mut self) -> (Vec<Cycle>, String) {
         drop(self.operator);
         self.served.take().expect("a core").end().expect_code(&[0, 3]);
@@ -503,7 +504,7 @@ impl ServedLathe {
             .chain([table.clone().into(), trace.clone().into()]))
         .expect_code(&[0]);
         let verified = run([Path::new("trace"), Path::new("verify"), &trace]);
-        // All of it was computed again, and is the same; setpoints may have left late.
+        // Everything was recomputed with the same result; setpoints may have been late.
         let verified = verified.expect_code(&[0, 3]);
         assert!(!verified.out.contains("not compared"), "{}", verified.out);
         (cycles(&trace), std::fs::read_to_string(table).expect("a table"))

@@ -1,5 +1,5 @@
-//! A lathe with two measured spindles: `$` selects the one that turns, threads, stops at an angle, or gives
-//! the feed.
+//! A lathe with two measured spindles: `$` selects the one that turns, threads, stops at an angle, or
+//! determines the feed.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use evolvent_tests::{Finished, Workshop, cycles, evolvent, phases, unless_disturbed, verifies};
 use evolvent_trace::{EventKind, TraceFile};
 
-/// Numbers in a trace: how spindle 1 is, and which spindle the angle is of.
+/// Numbers of inputs in a trace: the state of spindle 1, and the spindle of the angle.
 const SPINDLE_1: u32 = 81;
 const ANGLE_SPINDLE: u32 = 102;
 const Z: usize = 2;
@@ -42,7 +42,7 @@ fn inputs(trace: &Path) -> Vec<(u64, u32, Option<f64>, String)> {
         .collect()
 }
 
-/// The notices of a trace in their order.
+/// The notices of a trace in order.
 fn notices(trace: &Path) -> Vec<String> {
     let mut file = TraceFile::open(trace).expect("a trace");
     let events = file.events().map(|event| event.expect("a readable event"));
@@ -57,7 +57,7 @@ fn both_turn_and_the_named_one_threads_and_stops_at_its_angle() {
                        G95 F0.5 S300 $0\nG1 Z-10\nM5 $-1\nM2\n";
         let (finished, trace) = drive(&workshop, program, &["--spindle-ripple", "2"]);
         finished.expect_code(&[0, 3]);
-        // Spindle 1 gives the angle: at its speed, and not at that of spindle 0, the thread is in phase.
+        // Spindle 1 gives the angle: the thread is in phase at its speed, not at that of spindle 0.
         let passes = phases(&trace, 2.0, 5.0, -13.0..0.0);
         println!("{passes:?} mm");
         assert!(passes.len() == 1 && passes[0].samples > 100, "{passes:?}");
@@ -96,7 +96,7 @@ fn a_tap_turns_its_own_spindle_back() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let program = "G21 G18 G90 G8\nS400 M3\nS300 M3 $1\nG0 X15 Z5\nG33.1 Z-15 K1 $1\nG0 X20\nM2\n";
-        // It cannot turn counter-clockwise, which the tap has to know before it moves.
+        // It cannot turn counter-clockwise, which the tap has to find out before it moves.
         let (finished, _trace) = drive(&workshop, program, &[]);
         let said = finished.out.clone() + &finished.err;
         finished.expect_code(&[1]);

@@ -1,5 +1,5 @@
 //! An unlimited rotary axis: programs, MDI, jogs and homing in closed loop with simulated drives, and a trace
-//! that comes out the same.
+//! that is recomputed.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -13,8 +13,8 @@ use evolvent_tests::{
 
 const C: usize = 5;
 
-/// Farther than the table turns in a cycle of 1 ms, degrees: the end of a move without a stop lies between
-/// two setpoints.
+/// More than the table turns in a cycle of 1 ms, degrees: the end of a move without a stop is between two
+/// setpoints.
 const STEP_DEG: f64 = 0.75;
 
 /// A mill with an unlimited rotary table that reaches 720 degrees/s, or a multiple of that: long turns make
@@ -43,7 +43,7 @@ fn path(file: &Path) -> &str {
     file.to_str().expect("UTF-8")
 }
 
-/// The cycles of a virtual run, which is computed again from its trace.
+/// The cycles of a virtual run, which is recomputed from its trace.
 fn virtual_cycles(workshop: &Workshop, machine: &Path, program: &str) -> Vec<Cycle> {
     let file = workshop.write("table.ngc", program);
     let trace = workshop.path("table.mcap");
@@ -64,7 +64,7 @@ fn virtual_cycles(workshop: &Workshop, machine: &Path, program: &str) -> Vec<Cyc
     cycles(&trace)
 }
 
-/// Angles of C at the end of each line, by a virtual run.
+/// Angles of C at the end of each line, in a virtual run.
 fn ends(way: &str, program: &str) -> Vec<f64> {
     let workshop = Workshop::new();
     let machine = table(&workshop, "table", way, 1, "");
@@ -119,7 +119,7 @@ fn by_sign_the_word_says_which_way_and_a_whole_turn_is_an_error() {
     assert_eq!(errors["errors"][0]["line"], 2);
 }
 
-/// 2775 turns in one program, at limits that are kept in every sample, and the angle at its end is right.
+/// 2775 turns in one program, with limits kept in every sample and the right angle at the end.
 #[test]
 fn a_long_turn_keeps_its_resolution() {
     let workshop = Workshop::new();
@@ -158,8 +158,8 @@ fn near(status: &Status, angle: f64) -> bool {
     (status.position_machine[C] - angle).abs() < 1e-6
 }
 
-/// It homes within a turn, turns in one direction by MDI and jogs without an end, and displays angles. At
-/// rest whole turns are taken off without motion, and the next block takes the shorter direction.
+/// It homes within a turn, turns in one direction by MDI and jogs endlessly, and displays angles. At rest
+/// whole turns are removed without motion, and the next block takes the shorter direction.
 #[test]
 fn a_served_table_turns_without_an_end() {
     unless_disturbed(|| {
@@ -181,7 +181,7 @@ fn a_served_table_turns_without_an_end() {
         let job = operator.does(&home).job;
         let status = operator.sees_end(job);
         assert_eq!(status.job_result, 1, "{}", status.alarm_sentence());
-        // The drives give the offsets of the other axes; the pulse has corrected that of C, but for whole
+        // The drives give the offsets of the other axes; the pulse has corrected that of C, except for whole
         // turns.
         let wrong = (status.home_offset[C] - 3.5).rem_euclid(360.0);
         assert!(wrong.min(360.0 - wrong) < 1e-2, "{wrong}");
@@ -213,7 +213,7 @@ fn a_served_table_turns_without_an_end() {
             assert!(near(&status, angle), "{}", status.position_machine[C]);
             assert_eq!(status.alarm_count, 0, "{}", status.alarm_sentence());
         }
-        // What the drives count is more by the turns that were taken off.
+        // The counts of the drives are higher by the turns that were removed.
         let removed = operator.now().home_offset[C] - status.home_offset[C];
         assert!(removed >= 36_000.0 && removed % 360.0 == 0.0, "{removed}");
         drop(operator);
@@ -224,21 +224,21 @@ fn a_served_table_turns_without_an_end() {
             .iter()
             .map(|cycle| cycle.position[C].abs())
             .fold(0.0, f64::max);
-        // Whole turns are taken off at each rest beyond 36 000 degrees, and a move turns by 9000 at most.
+        // Whole turns are removed at each rest beyond 36 000 degrees, and a move turns by 9000 at most.
         assert!(farthest > 36_000.0 && farthest < 45_001.0, "{farthest}");
         let again = verify(&trace).expect("a readable trace");
         assert!(again.holds() && again.uncompared == 0, "{again:?}");
     });
 }
 
-/// The next jog comes in the moment in which whole turns are taken off: it begins by the new coordinates.
+/// The next jog comes when whole turns are removed: it begins in the new coordinates.
 #[test]
 fn a_jog_right_behind_a_long_turn_begins_where_the_axis_is() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let name = "table-next";
         let machine = table(&workshop, name, "shorter", 20, "");
-        // The lowest rate: several commands can come before the cycle that takes the turns off.
+        // The lowest rate: several commands can arrive before the cycle that removes the turns.
         let text = std::fs::read_to_string(&machine).expect("a machine file");
         let machine = workshop.write(
             &format!("{name}.toml"),
@@ -256,7 +256,7 @@ fn a_jog_right_behind_a_long_turn_begins_where_the_axis_is() {
             std::thread::sleep(Duration::from_secs(3));
             operator.says("JOG_STOP");
             let begin = Instant::now();
-            // Refused while the axis comes to rest.
+            // Rejected while the axis is stopping.
             let job = loop {
                 let answer = operator.ask(&jog(90.0, 14_400.0));
                 if answer.verdict == 0 {

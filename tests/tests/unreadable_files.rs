@@ -1,5 +1,5 @@
-//! Files that never end or never open: pipes, and files that another program holds, as a network drive that
-//! hangs does.
+//! Files that never end or never open: pipes, and files that another program holds, like a hanging network
+//! drive.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::io::{BufRead, BufReader};
@@ -12,12 +12,12 @@ use evolvent_tests::{Operator, Scene, Workshop, command, repository, unless_dist
 
 const FILE: u32 = 922;
 const BAD_PROGRAM: u32 = 923;
-/// What a command may take that reads no file, on a host that lets the core run.
+/// Maximum time of a command that reads no file, on a host that lets the core run.
 const AT_ONCE: Duration = Duration::from_secs(2);
-/// What any command may take: the core's own limit is 8 s.
+/// Maximum time of any command: the core's own limit is 8 s.
 const IN_TIME: Duration = Duration::from_secs(20);
 
-/// Asks for a lease on a file: whoever opens it waits until the lease is given back, or for 45 s.
+/// Takes a lease on a file: whoever opens it waits until the lease is released, or for 45 s.
 const HOLDER: &str = "
 import fcntl, os, signal, sys, time
 signal.signal(signal.SIGIO, signal.SIG_IGN)
@@ -27,7 +27,7 @@ print('held', flush=True)
 time.sleep(600)
 ";
 
-/// A file that cannot be opened while this lives.
+/// A file that cannot be opened during the life of this value.
 struct Held(Child);
 
 impl Held {
@@ -64,7 +64,7 @@ fn with_text(name: &str, text: &str) -> ControlRequest {
     request
 }
 
-/// Seconds until a command is answered; it fails where it is not answered at all.
+/// Seconds until the reply to a command; fails if there is no reply.
 fn seconds(operator: &mut Operator, request: &ControlRequest) -> (u32, f64, String) {
     let begin = Instant::now();
     let answer = operator.control.command(request, IN_TIME).expect("an answer");
@@ -134,7 +134,7 @@ fn a_stop_is_answered_while_a_program_file_hangs() {
             });
             let waits = scope.spawn(|| {
                 let mut other = Operator::join(&name, domain);
-                // Behind the LOAD.
+                // After the LOAD.
                 std::thread::sleep(Duration::from_secs(1));
                 seconds(
                     &mut other,
@@ -157,7 +157,7 @@ fn a_stop_is_answered_while_a_program_file_hangs() {
             assert_eq!(alarm, FILE, "{said}");
             assert!(said.contains("no reply"), "{said}");
             assert!((4.0..15.0).contains(&took), "{took} s");
-            // What had to wait is carried out then.
+            // The command that had to wait is executed then.
             assert_eq!(waits.join().expect("a client").0, 0);
         });
         assert_eq!(operator.now().mode, 0);
@@ -189,7 +189,7 @@ fn a_stop_cancels_the_start_of_a_program_that_hangs() {
             std::thread::sleep(Duration::from_secs(2));
             assert!(!starts.is_finished(), "nothing hangs");
             operator.says("STOP");
-            // It begins no more although its file can be read again.
+            // It does not begin any more, although its file can be read again.
             drop(held);
             let (alarm, took, said) = starts.join().expect("a client");
             assert_eq!(alarm, FILE, "{said}");
@@ -291,7 +291,7 @@ fn pipes_as_machine_file_or_tool_table_are_wrong_usage() {
         (&["--parameters"], &machine),
         (&[], &hangs),
     ] {
-        // Killed by `timeout` where it waits for a writer.
+        // Killed by `timeout` if it waits for a writer.
         let binary = evolvent_tests::evolvent();
         let mut command = Command::new("timeout");
         command

@@ -1,4 +1,4 @@
-//! M100 to M199: programs of the machine builder's, carried out while the axes rest.
+//! M100 to M199: user-defined programs, executed while the axes are at rest.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::os::unix::fs::PermissionsExt;
@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 
 use evolvent_tests::{Domain, Finished, Launch, Operator, Served, Workshop, command, unless_disturbed};
 
-/// Goes 30 mm along X, calls M101, and comes back.
+/// Moves 30 mm along X, calls M101, and returns.
 const PROGRAM: &str = "G21 G90 F6000\nG1 X30\nM101 P2.5 Q-3\nG1 X0\nM2\n";
 const FAILED: u32 = 3;
 const DONE: u32 = 1;
-/// Longer than any command takes that is to end by itself, s.
+/// Longer than any command takes that ends on its own, s.
 const PATIENCE_S: u32 = 60;
 
 struct Shop {
@@ -21,8 +21,7 @@ struct Shop {
 }
 
 impl Shop {
-    /// A machine with M101 and M102, of which M101 is this script; `said` in it stands for a file in the
-    /// shop.
+    /// A machine with M101 and M102; M101 is this script, in which `said` stands for a file of the shop.
     fn new(name: &str, script: &str, timeout_s: u32) -> Self {
         let workshop = Workshop::new();
         let shipped = workshop.mill(name, &[]);
@@ -56,8 +55,8 @@ impl Shop {
     }
 }
 
-/// Whether a process is the `sleep` that the script becomes. Between the two it has no command line for a
-/// moment, or the script's.
+/// Whether a process is the `sleep` that the script becomes. Between the two it has for a moment no command
+/// line, or that of the script.
 fn is_sleeping(process: &str) -> bool {
     let line = std::fs::read_to_string(format!("/proc/{process}/cmdline")).unwrap_or_default();
     line.starts_with("sleep")
@@ -87,7 +86,7 @@ fn a_run_carries_a_command_out_at_rest_and_goes_on_when_it_is_done() {
             .collect();
         let texts: Vec<&str> = told.iter().map(|(_, text)| text.as_str()).collect();
         assert_eq!(texts, ["M101 P2.5 Q-3", "M101: clamped"]);
-        // It stood at the end of the block all the time.
+        // It was at the end of the block all the time.
         let period_s = summary["period_ns"].as_f64().expect("a number") * 1e-9;
         let cycles: Vec<_> = trace
             .cycles()
@@ -95,7 +94,7 @@ fn a_run_carries_a_command_out_at_rest_and_goes_on_when_it_is_done() {
             .collect();
         let stood = (cycles.iter()).filter(|cycle| cycle.position[0] == 30.0 && cycle.feed_mm_s == 0.0);
         let seconds = stood.count() as f64 * period_s;
-        // Cycles that a busy host has still to catch up with are counted behind it.
+        // Cycles with which a busy host has to catch up are counted after it.
         assert!((0.3..30.0).contains(&seconds), "{seconds} s at the stop");
         let at = &cycles[told[1].0 as usize];
         assert_eq!((at.position[0], at.feed_mm_s), (30.0, 0.0));
@@ -197,7 +196,7 @@ fn a_served_machine_waits_for_a_command_and_for_nothing_else_and_a_stop_ends_it(
         let stop = |status: &evolvent_bus::Status| status.state == 7;
         let job = operator.says("START").job;
         operator.waits("M0", stop);
-        // Twice, as nervous fingers do: the second one is not for the command behind the stop.
+        // Twice, by accident: the second one does not apply to the command after the stop.
         operator.says("RESUME");
         let _second = operator.ask(&command("RESUME"));
         operator.waits("the command", |status| {
@@ -206,7 +205,7 @@ fn a_served_machine_waits_for_a_command_and_for_nothing_else_and_a_stop_ends_it(
         let begun = Instant::now();
         let refused = operator.ask(&command("RESUME"));
         assert_eq!(refused.alarm, 920, "{}", refused.text());
-        // A hold and its end do not let it go on either.
+        // A hold and its end do not continue it either.
         operator.says("HOLD");
         std::thread::sleep(Duration::from_millis(100));
         operator.says("RESUME");
@@ -226,7 +225,7 @@ fn a_served_machine_waits_for_a_command_and_for_nothing_else_and_a_stop_ends_it(
         let job = operator.says("START").job;
         operator.waits("M0", stop);
         operator.says("RESUME");
-        // What it told the operator may still be there from before.
+        // Its earlier message to the operator may still be there.
         operator.waits("the command", |_| {
             let said = shop.said();
             said.ends_with('\n') && said != before

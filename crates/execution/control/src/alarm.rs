@@ -1,21 +1,21 @@
 //! Alarms by number: what went wrong, and what to do.
 
-/// What an alarm is about.
+/// Category of an alarm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AlarmKind {
     /// A command was rejected. Nothing has changed, nothing is latched.
     Rejection,
-    /// A job ended early. Told until the next job starts or the alarms are cleared.
+    /// A job ended early. Reported until the next job starts or the alarms are cleared.
     Job,
     /// The machine was stopped. Latched: nothing moves until the alarms are cleared.
     Fault,
-    /// Something is worse than it should be; the machine goes on.
+    /// Something is degraded; the machine continues.
     Warning,
 }
 
 macro_rules! alarms {
     ($($(#[doc = $doc:literal])* $name:ident = $number:literal, $kind:ident, $advice:literal;)*) => {
-        /// The stable number of what went wrong: in answers, in the status and in the trace's events.
+        /// Stable number of an alarm: in replies, in the status and in the events of the trace.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[repr(u32)]
         pub enum Alarm {
@@ -26,7 +26,7 @@ macro_rules! alarms {
             /// All alarms in order of their numbers.
             pub const ALL: &[Self] = &[$(Self::$name,)*];
 
-            /// What it is about.
+            /// The category.
             #[must_use]
             pub const fn kind(self) -> AlarmKind {
                 match self {
@@ -34,7 +34,7 @@ macro_rules! alarms {
                 }
             }
 
-            /// What it means and what to do, where nothing more is known.
+            /// The default sentence: what it means and what to do.
             #[must_use]
             pub const fn sentence(self) -> &'static str {
                 match self {
@@ -60,30 +60,30 @@ alarms! {
                          the trace";
     /// The planner ended without completing its plan.
     Planner = 201, Fault, "the planner ended without completing its plan; the machine stopped on the path";
-    /// A job did not begin where the axes stand.
+    /// A job did not begin at the position of the axes.
     Handover = 202, Fault, "a job did not begin where the axes stand and was not taken up; please report it \
                             with the trace";
     /// The queue of orders to the cycle was full.
     OrdersLost = 203, Fault, "more was ordered than the cycle took, so the emergency stop was set; see \
                               which client sends so much, and `evolvent doctor`";
-    /// Too many setpoints in a row left after they were due.
+    /// Too many consecutive setpoints were published after their due time.
     Lateness = 300, Fault, "too many setpoints in a row left late; run `evolvent doctor`, or lower the rate";
-    /// No feedback ever came.
+    /// No feedback has ever come.
     NoFeedback = 400, Fault, "no feedback comes; start the drive bridge, or see why it does not answer";
-    /// Feedback came, and comes no more.
+    /// Feedback has stopped.
     FeedbackStale = 401, Fault, "the bridge has stopped answering; see whether it runs, then clear the \
                                  alarms";
-    /// Messages come, but their samples do not grow younger.
+    /// Messages arrive, but their samples do not get newer.
     FeedbackFrozen = 402, Fault, "the bridge repeats itself; it runs without its drives, check the fieldbus";
-    /// An axis moves and its encoder shows the same number.
+    /// An axis moves and its encoder keeps the same value.
     EncoderFrozen = 403, Fault, "an encoder shows the same number although its axis moves; check it";
-    /// A number is none.
+    /// A value is not a number.
     FeedbackBad = 404, Fault, "the feedback holds no number; check encoder and bridge";
-    /// The bridge does not speak of an axis.
+    /// The feedback does not contain an axis.
     AxisMissing = 405, Fault, "the bridge sends nothing of an axis; give it the machine's axes";
     /// A drive is in fault.
     DriveFault = 406, Fault, "a drive is in fault; see its own message, then clear the alarms and switch on";
-    /// A drive left operation by itself.
+    /// A drive left operation on its own.
     DriveOff = 407, Fault, "a drive has switched off by itself; check its enabling input and its supply, or \
                             switch on again after homing by the drive";
     /// The drives were not enabled in time.
@@ -102,14 +102,14 @@ alarms! {
     BridgeStopped = 413, Fault, "the bridge has stopped the axes by itself; it got no usable setpoints";
     /// Replies without a request.
     Implausible = 414, Fault, "the bridge answers setpoints that were never sent; restart it";
-    /// Positions are named by another datum.
+    /// Positions refer to another datum.
     Datum = 415, Fault, "the bridge names positions by another datum; home again";
     /// A sample is from the future.
     FeedbackAhead = 416, Fault, "the feedback's time is ahead of this computer's clock; fix the bridge's \
                                  clock";
-    /// Feedback says what cannot be.
+    /// Feedback has an impossible value.
     FeedbackUnbelievable = 417, Fault, "the feedback has a value that cannot be; check encoder and bridge";
-    /// Axes are not homed any more.
+    /// Axes are no longer homed.
     ReferenceLost = 418, Warning, "the link to the drives was lost and with it machine zero; home again";
     /// The home switch was not found.
     HomeSwitchMissing = 420, Fault, "the home switch was not found within the travel; see its wiring";
@@ -121,7 +121,7 @@ alarms! {
     /// The encoder does not know machine zero.
     NotAbsolute = 423, Fault, "an encoder does not say that it counts from machine zero; see its battery \
                                and its drive";
-    /// The emergency-stop chain is open, or not known.
+    /// The emergency-stop chain is open or unknown.
     EmergencyStopChain = 430, Fault, "the emergency-stop chain is open, or nobody reads it; close it, see \
                                       that its bridge runs, then reset";
     /// A spindle's drive is in fault, or its feedback has stopped.
@@ -129,21 +129,21 @@ alarms! {
                            bridge, then start again";
     /// The cutting load was above its limit.
     CuttingLoad = 500, Fault, "the cutting load was too high; look at tool and stock, then start again";
-    /// The load sensor cannot be believed.
+    /// The load sensor is implausible.
     LoadSensor = 501, Fault, "the load sensor cannot be believed; look at it and its cable, then start again";
-    /// State cannot be kept.
+    /// State cannot be saved.
     NotKept = 600, Warning, "offsets, tools or parameters cannot be kept; see the state folder";
-    /// What was kept cannot be read.
+    /// Saved state cannot be read.
     NotRead = 601, Warning, "what was kept of offsets, tools or parameters cannot be read and is set aside";
     /// The trace failed.
     Trace = 602, Warning, "the trace cannot be written any more; see the disk";
-    /// The request has another version or size, no client number, or no UTF-8.
+    /// The request has another version or size, no client number, or invalid UTF-8.
     Malformed = 900, Rejection, "the request is of another version or damaged; update the client";
     /// No command has this number.
     UnknownCommand = 901, Rejection, "no command has this number; update the core or the client";
     /// A number is not finite or out of its range.
     BadNumber = 902, Rejection, "a number is not finite or out of its range";
-    /// The command is not newer than the last of its client.
+    /// The serial number of the command is not above the last of its client.
     Stale = 903, Rejection, "the command is not newer than the last of this client and has no effect";
     /// The axis does not exist, or none was named.
     NoAxis = 904, Rejection, "the machine has no such axis";
@@ -157,7 +157,7 @@ alarms! {
     WrongMode = 913, Rejection, "this needs another mode";
     /// Something else moves the axes.
     Busy = 914, Rejection, "another job has the axes; stop it or wait for its end";
-    /// Nothing runs that the command could be about.
+    /// Nothing runs to which the command could apply.
     NothingRuns = 915, Rejection, "nothing runs that this could be about";
     /// Axes have not been homed.
     NotHomed = 916, Rejection, "not all axes are homed; home them first";
@@ -181,7 +181,7 @@ alarms! {
     IsOn = 925, Rejection, "the machine is on; switch it off first";
     /// The program is still being checked.
     Checking = 926, Rejection, "the program is still being checked; start it when that is done";
-    /// The loaded program may not be the one that is meant.
+    /// The loaded program may not be the one that the client means.
     OtherProgram = 927, Rejection, "another program is loaded than the one that is meant; load it, or name \
                                     what is loaded";
     /// The emergency-stop chain is open.
@@ -196,10 +196,10 @@ alarms! {
     NoHandwheel = 931, Rejection, "the machine file has no [handwheel]; add it, or jog by command";
     /// RESUME or STEP while the axes are away from the program.
     OffPath = 932, Rejection, "the axes are away from the program; drive back with `return`, then resume";
-    /// The program does not stand where it can be left.
+    /// The program is not at a point at which it can be left.
     CannotLeave = 933, Rejection, "the program does not stand where it can be left; hold it, and wait until \
                                    the axes rest";
-    /// The path does not go so far back, or cannot be driven backwards from here.
+    /// The path does not reach so far back, or cannot be retraced from here.
     CannotRetrace = 934, Rejection, "the path cannot be driven so far back";
 }
 
@@ -210,13 +210,13 @@ impl Alarm {
         self as u32
     }
 
-    /// The alarm of a number.
+    /// The alarm with this number.
     #[must_use]
     pub fn from_number(number: u32) -> Option<Self> {
         Self::ALL.iter().copied().find(|alarm| alarm.number() == number)
     }
 
-    /// Whether nothing may move until it is cleared.
+    /// Whether nothing may move until the alarm is cleared.
     #[must_use]
     pub const fn is_latched(self) -> bool {
         matches!(self.kind(), AlarmKind::Fault)

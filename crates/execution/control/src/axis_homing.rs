@@ -7,19 +7,19 @@ use crate::alarm::Alarm;
 use crate::homing::{HomingAction, HomingAxis, HomingSample};
 use crate::rejection::Rejection;
 
-/// The search goes so much farther than the travel is long.
+/// Maximum distance of the search, as a multiple of the travel.
 const SEARCH_FRACTION: f64 = 1.1;
-/// Backing off takes at most this share of the travel.
+/// Maximum distance of backing off, as a fraction of the travel.
 const BACK_FRACTION: f64 = 0.5;
-/// A bridge takes a request for an index pulse over within this time, ns: the lead of setpoints is at most 28
+/// Maximum time until a bridge accepts a request for an index pulse, ns. The lead of setpoints is at most 28
 /// ms, or 1000 cycles.
 const TAKEN_OVER_NS: u64 = 5_000_000_000;
-/// A latched position may be off the way on which it was searched by what the axis travels in this time, s:
-/// samples are that old.
+/// A latched position may lie outside the searched range by the distance that the axis travels in this time,
+/// s: the samples can be that old.
 const OFF_WAY_S: f64 = 0.1;
 
-/// The inputs of one switch that is home and limit switch may differ by so much, ns: they have filters of
-/// their own (the longest is the slow one of a Mesa board, up to 50 ms), and contacts bounce for some
+/// Maximum time between the two inputs of a switch that is both home and limit switch, ns. Each input has its
+/// own filter (the longest is the slow one of a Mesa board, up to 50 ms), and contacts bounce for some
 /// milliseconds.
 const INPUTS_DIFFER_NS: u64 = 60_000_000;
 
@@ -27,40 +27,40 @@ const INPUTS_DIFFER_NS: u64 = 60_000_000;
 enum Phase {
     Begin,
     Search,
-    /// The limit switch was pressed in the search, at this time, and the home switch may still close: rest,
-    /// then see.
+    /// The limit switch was pressed at this time during the search, and the home switch may still close:
+    /// stop, then check.
     AtLimit {
         since_ns: u64,
     },
-    /// The home switch has not closed: rest, then fail.
+    /// The home switch has not closed: stop, then fail.
     LimitFirst,
-    /// The switch has closed: rest, then back off.
+    /// The switch has closed: stop, then back off.
     Found,
     BackOff,
-    /// The switch has opened: rest, then come back.
+    /// The switch has opened: stop, then return.
     Left,
     Latch,
-    /// Off the switch slowly, to the edge at which it opens.
+    /// Leaves the switch slowly, to the edge at which it opens.
     Leave,
-    /// The request is on its way; the axis rests.
+    /// The request has been sent; the axis is at rest.
     Arming {
         since_ns: u64,
     },
-    /// The index pulse is to come; the request was sent at this position and time.
+    /// Waits for the index pulse; the request was sent at this position and time.
     AwaitIndex {
         from: f64,
         since_ns: u64,
     },
-    /// It did not come.
+    /// The index pulse did not come.
     NoIndex {
         from: f64,
         is_taken_over: bool,
     },
-    /// A pulse was latched so far along the way, where it cannot have been.
+    /// A pulse was latched at this distance, outside the searched range.
     OffWay {
         along: f64,
     },
-    /// What is searched was at `position` of the drive.
+    /// The edge or pulse was at `position` of the drive.
     Latched {
         position: f64,
         from_switch: Option<f64>,
@@ -69,24 +69,25 @@ enum Phase {
     GoHome,
 }
 
-/// The way of one axis to machine zero.
+/// The homing of one axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AxisHoming {
     axis: HomingAxis,
     phase: Phase,
-    /// The order to move has been given, so rest means that it has ended.
+    /// A move has been ordered, so rest means that it has ended.
     moving: bool,
-    /// Number of its request for an index pulse.
+    /// Number of the request of this axis for an index pulse.
     request: u32,
-    /// Since when the limit switch in the direction of the search has been pressed with the home switch open.
+    /// Time since which the limit switch in the direction of the search has been pressed with the home switch
+    /// open.
     limit_since_ns: Option<u64>,
-    /// Where the search is to end.
+    /// Position at which the search ends.
     search_end: f64,
-    /// The search has gone on once after the limit switch.
+    /// The search has been continued once after the limit switch.
     has_resumed: bool,
-    /// The limit switch of the other end is pressed by the home switch as well: one input is all three.
+    /// The home switch also presses the limit switch of the other end: one input serves all three.
     is_shared: bool,
-    /// Since when it has been open again.
+    /// Time since which the shared input has been open again.
     shared_open_ns: Option<u64>,
 }
 
@@ -109,8 +110,8 @@ impl AxisHoming {
         &self.axis
     }
 
-    /// Goes on with one sample of the drives. After [`HomingAction::Done`] and [`HomingAction::Fail`] it is
-    /// over.
+    /// Processes one sample of the drives. After [`HomingAction::Done`] and [`HomingAction::Fail`] the
+    /// sequence is over.
     pub(crate) fn step(&mut self, sample: &HomingSample, at_rest: bool) -> HomingAction {
         let i = self.axis.axis.index();
         debug_assert!(i < AXES);
@@ -178,9 +179,9 @@ impl AxisHoming {
         }
     }
 
-    /// The limit switches, at the negative and the positive end, that this axis looks at by itself now: the
-    /// one in the direction of the search, which may be the home switch as well, from the search until its
-    /// place is known; and the other one while the home switch presses it too.
+    /// The limit switches, at the negative and the positive end, that this axis handles itself at the moment:
+    /// the one in the direction of the search (which may also be the home switch), from the start of the
+    /// search until its position is known, and the other one while the home switch presses it too.
     pub(crate) fn expected_limits(&self) -> [AxisMask; 2] {
         let mut expected = [AxisMask::NONE; 2];
         let here = |is_expected: bool| AxisMask::one_if(self.axis.axis.index(), is_expected);
@@ -200,7 +201,7 @@ impl AxisHoming {
             | Phase::BackOff
             | Phase::Left
             | Phase::Latch => true,
-            // On past the edge at which the switch closes, or stopping there.
+            // Past the edge at which the switch closes, or stopping there.
             Phase::AwaitIndex { .. }
             | Phase::NoIndex { .. }
             | Phase::OffWay { .. }
@@ -225,9 +226,9 @@ impl AxisHoming {
         sample.limits[self.search_limit()].contains(self.axis.axis.index())
     }
 
-    /// Detects an input that is the home switch and both limit switches. It is looked for while the axis
-    /// reaches its home switch or stands on it; on the way off, a limit switch of the other end is the end of
-    /// the travel.
+    /// Detects one input that serves as home switch and both limit switches. Detection is active while the
+    /// axis reaches its home switch or is on it; while the axis leaves the switch, a limit switch of the
+    /// other end is the end of the travel.
     fn watch_shared(&mut self, sample: &HomingSample, closed: bool) {
         let i = self.axis.axis.index();
         let other = sample.limits[1 - self.search_limit()].contains(i);
@@ -245,8 +246,7 @@ impl AxisHoming {
         }
     }
 
-    /// Whether the axis has moved onto its limit switch, on its slow way, without the home switch having
-    /// closed.
+    /// Whether the axis has moved onto its limit switch during a slow move without the home switch closing.
     fn has_passed_switch(&mut self, sample: &HomingSample, closed: bool) -> bool {
         let searches = match self.phase {
             Phase::Latch => true,
@@ -261,7 +261,7 @@ impl AxisHoming {
         sample.time_ns.saturating_sub(since_ns) >= INPUTS_DIFFER_NS
     }
 
-    /// The search was stopped by the limit switch. The home switch may close a little later.
+    /// The limit switch has stopped the search. The home switch may close a little later.
     fn wait_at_limit(
         &mut self,
         sample: &HomingSample,
@@ -276,8 +276,8 @@ impl AxisHoming {
         if !at_rest {
             return HomingAction::Wait;
         }
-        // It bounced, or it belongs to the side of a gantry that came first, whose home switch the bridge has
-        // seen since: the search goes on, once.
+        // The limit switch bounced, or it belongs to the side of a gantry that came first, whose home switch
+        // the bridge has seen since. The search continues, once.
         if !self.is_at_limit(sample) && !self.has_resumed {
             self.has_resumed = true;
             let distance = self.search_end - sample.position[self.axis.axis.index()];
@@ -289,7 +289,7 @@ impl AxisHoming {
         self.limit_first()
     }
 
-    /// At rest, before anything has moved.
+    /// The first action, at rest before any move.
     fn begin(&mut self, sample: &HomingSample, closed: bool) -> HomingAction {
         let axis = &self.axis;
         match axis.method {
@@ -313,7 +313,8 @@ impl AxisHoming {
             }
             _ if closed => self.leave_switch(),
             _ if self.is_at_limit(sample) => {
-                // It stands beyond the home switch, or that is not connected: there is nowhere to search.
+                // The axis is beyond the home switch, or the switch is not connected: there is nowhere to
+                // search.
                 self.limit_first()
             }
             _ => {
@@ -324,8 +325,8 @@ impl AxisHoming {
         }
     }
 
-    /// Off the closed switch: fast where the edge is sought on the way back, slowly where it is the one of
-    /// leaving.
+    /// Moves off the closed switch: fast if the edge is searched on the way back, slowly if the edge is
+    /// searched while leaving.
     fn leave_switch(&mut self) -> HomingAction {
         let distance = -self.axis.direction * self.axis.travel * BACK_FRACTION;
         match self.axis.method {
@@ -336,7 +337,7 @@ impl AxisHoming {
         }
     }
 
-    /// The axis moves on; from here the pulse is to come.
+    /// The axis moves on and expects the pulse from here.
     fn await_index(&mut self, from: f64, since_ns: u64) -> HomingAction {
         self.phase = Phase::AwaitIndex { from, since_ns };
         self.latch_index()
@@ -349,7 +350,7 @@ impl AxisHoming {
         }
     }
 
-    /// Moves as soon as the pulse would be latched.
+    /// Moves as soon as the bridge would latch the pulse.
     fn arm(&mut self, sample: &HomingSample, since_ns: u64, from: f64) -> HomingAction {
         if sample.index_request == self.request {
             let since_ns = sample.time_ns;
@@ -389,7 +390,7 @@ impl AxisHoming {
         HomingAction::Wait
     }
 
-    /// The pulse has come; it must lie on the way on which it was searched.
+    /// The pulse has come; it must lie within the searched range.
     fn latched(&mut self, latched: f64, from: f64) -> HomingAction {
         let way = match self.axis.method {
             HomingMethod::SwitchThenIndex {

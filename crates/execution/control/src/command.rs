@@ -10,15 +10,15 @@ use crate::interlock_state::Mode;
 pub struct JogCommand {
     /// Bit i set: axis i moves.
     pub axes: AxisMask,
-    /// By so much; none for as long as it is kept.
+    /// Distance of each axis; `None` for a continuous jog, which lasts while it is renewed.
     pub distance: Option<Axes>,
-    /// Signs of the directions of a continuous jog; 0 for axes that stand.
+    /// Signs of the directions of a continuous jog; 0 for axes that do not move.
     pub direction: Axes,
-    /// Speed of each axis at most, mm/s or degrees/s; none for the machine's own.
+    /// Maximum speed of each axis, mm/s or degrees/s; `None` for the jog speed of the machine.
     pub max_velocity: Option<f64>,
 }
 
-/// A tool's figures.
+/// An entry of the tool table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToolEntry {
     /// The tool's number, from 1.
@@ -27,7 +27,7 @@ pub struct ToolEntry {
     pub axes: AxisMask,
     /// The offsets, mm or degrees.
     pub offset: Axes,
-    /// Diameter, mm; none to leave it.
+    /// Diameter, mm; `None` leaves it unchanged.
     pub diameter_mm: Option<f64>,
 }
 
@@ -65,7 +65,7 @@ pub enum Command {
     Off,
     /// See [`CommandCode::Mode`].
     SetMode(Mode),
-    /// See [`CommandCode::Load`]: the file's name.
+    /// See [`CommandCode::Load`]: the name of the file.
     Load(String),
     /// See [`CommandCode::Start`]: the line, 0 or 1 for the beginning.
     Start(u32),
@@ -116,40 +116,40 @@ pub enum Command {
         system: u32,
         /// Which axes.
         axes: AxisMask,
-        /// What the present positions are to read.
+        /// Coordinates that the present positions are to have.
         values: Axes,
     },
     /// See [`CommandCode::Tool`].
     Tool(ToolEntry),
-    /// The tool table is read again.
+    /// Reads the tool table again.
     ReloadTools,
     /// See [`CommandCode::ClearAlarms`].
     ClearAlarms,
     /// See [`CommandCode::SetOutput`].
     SetOutput {
-        /// As the machine file calls it.
+        /// Name of the output in the machine file.
         name: String,
-        /// 0 or 1 of a digital one.
+        /// Value; 0 or 1 for a digital output.
         value: f64,
     },
     /// See [`CommandCode::Handwheel`].
     Handwheel {
-        /// Index of the axis; none lets the wheel move nothing.
+        /// Index of the axis; `None` disconnects the wheel.
         axis: Option<usize>,
-        /// Way a detent, mm or degrees; none for the wheel's smallest.
+        /// Distance per detent, mm or degrees; `None` for the smallest step of the wheel.
         step: Option<f64>,
     },
     /// See [`CommandCode::Return`].
     Return {
-        /// Speed of each axis at most, mm/s or degrees/s; none for the machine's own.
+        /// Maximum speed of each axis, mm/s or degrees/s; `None` for the jog speed of the machine.
         max_velocity: Option<f64>,
     },
-    /// See [`CommandCode::Retrace`]: starts of blocks, at least one.
+    /// See [`CommandCode::Retrace`]: number of block starts, at least one.
     Retrace(u32),
 }
 
 impl Command {
-    /// Its number on the bus.
+    /// The code of this command on the bus.
     #[must_use]
     pub const fn code(&self) -> CommandCode {
         match self {
@@ -187,7 +187,7 @@ impl Command {
         }
     }
 
-    /// The number in it that a run has to be computed again with: an override, or the value of an output.
+    /// The value that is needed to recompute a run: an override, or the value of an output.
     #[must_use]
     pub const fn value(&self) -> Option<f64> {
         match self {
@@ -201,7 +201,7 @@ impl Command {
 }
 
 impl std::fmt::Display for Command {
-    /// A few words, for the trace.
+    /// A short description, for the trace.
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let letters =
             |axes: AxisMask| -> String { axes.axes().map(|axis| AxisLetter::ALL[axis].letter()).collect() };

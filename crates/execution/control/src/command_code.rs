@@ -25,13 +25,13 @@ macro_rules! codes {
 }
 
 codes! {
-    /// Every axis stops by itself, the drives lose power.
+    /// Stops every axis on its own and removes power from the drives.
     Estop = 1, "ESTOP";
-    /// Leaves the emergency stop: off.
+    /// Leaves the emergency stop; the machine is then off.
     EstopReset = 2, "ESTOP_RESET";
     /// Enables the drives.
     On = 3, "ON";
-    /// Takes power from the drives.
+    /// Removes power from the drives.
     Off = 4, "OFF";
     /// Changes the mode: `index`.
     Mode = 5, "MODE";
@@ -41,13 +41,13 @@ codes! {
     Start = 7, "START";
     /// Holds the feed.
     Hold = 8, "HOLD";
-    /// Goes on after a hold or a program stop.
+    /// Continues after a hold or a program stop.
     Resume = 9, "RESUME";
     /// Runs one block of the program.
     Step = 10, "STEP";
     /// Stops within the limits and ends the job.
     Stop = 11, "STOP";
-    /// Forgets the modes that programs and MDI have left, and clears the alarms.
+    /// Clears the alarms and the modes left by programs and MDI.
     Reset = 12, "RESET";
     /// Single step on or off: `index`.
     SingleStep = 13, "SINGLE_STEP";
@@ -63,10 +63,11 @@ codes! {
     SpindleOverride = 18, "SPINDLE_OVERRIDE";
     /// Executes the block `text`.
     Mdi = 19, "MDI";
-    /// Jogs the axes of `axes_mask`: with `index` 0 in the directions of `values` as long as it is kept, with
-    /// 1 by the distances in `values`; at `amount` mm/s or degrees/s at most, 0 for the machine's own speed.
+    /// Jogs the axes of `axes_mask`: with `index` 0 in the directions of `values` while it is renewed, with 1
+    /// by the distances in `values`. Maximum speed `amount` mm/s or degrees/s, 0 for the jog speed of the
+    /// machine.
     Jog = 20, "JOG";
-    /// The client that jogs is still there.
+    /// Renews a jog: its client is still there.
     JogKeep = 21, "JOG_KEEP";
     /// Ends the jog.
     JogStop = 22, "JOG_STOP";
@@ -74,27 +75,27 @@ codes! {
     Home = 23, "HOME";
     /// Sets the offsets of work coordinate system `index` (1 is G54, 0 the active one) to `values`.
     WorkOffset = 24, "WORK_OFFSET";
-    /// Sets them so that the axes' present positions read `values`.
+    /// Sets the offsets so that the present positions of the axes read `values`.
     TouchOff = 25, "TOUCH_OFF";
-    /// Sets tool `index`: offsets `values` of `axes_mask`, diameter `amount`. With index 0 the tool table is
-    /// read again.
+    /// Sets tool `index`: offsets `values` of `axes_mask`, diameter `amount`. Index 0 reads the tool table
+    /// again.
     Tool = 26, "TOOL";
     /// Clears the alarms.
     ClearAlarms = 27, "CLEAR_ALARMS";
-    /// Sets the output of the name `text` to `amount`: 0 or 1 of a digital one.
+    /// Sets the output named `text` to `amount`; 0 or 1 for a digital output.
     SetOutput = 28, "SET_OUTPUT";
-    /// The handwheel moves the axis of `axes_mask`, none with 0, by `amount` mm or degrees a detent.
+    /// Connects the handwheel to the axis of `axes_mask` (0 for none), `amount` mm or degrees per detent.
     Handwheel = 29, "HANDWHEEL";
-    /// Drives back to where the held program was left: each jog backwards at `amount` mm/s or degrees/s at
-    /// most, 0 for the machine's own speed.
+    /// Returns to the position at which the held program was left: each jog backwards, at a maximum speed of
+    /// `amount` mm/s or degrees/s, 0 for the jog speed of the machine.
     Return = 30, "RETURN";
-    /// Drives backwards along the path of the held program to the start of a block: `index` starts back, 0 as
-    /// 1.
+    /// Drives backwards along the path of the held program to the start of a block: `index` block starts
+    /// back, 0 counts as 1.
     Retrace = 31, "RETRACE";
 }
 
 impl CommandCode {
-    /// The command of a number.
+    /// The command with this number.
     #[must_use]
     pub fn from_number(number: u32) -> Option<Self> {
         Self::ALL.get((number as usize).checked_sub(1)?).copied()

@@ -1,4 +1,4 @@
-//! From the numbers of a request to a command with a meaning; whatever makes no sense is refused.
+//! Decodes the numbers of a request into a command. Invalid requests are rejected.
 
 use evolvent_config::plain;
 use evolvent_path::{AXES, Axes, AxisMask};
@@ -11,23 +11,23 @@ use crate::rejection::Rejection;
 
 /// Largest magnitude of a coordinate, a distance or a speed in a command: mm, degrees, per s.
 const MAX_VALUE: f64 = 1e6;
-/// Largest way of an axis a detent of the handwheel, mm or degrees.
+/// Maximum distance per detent of the handwheel, mm or degrees.
 const MAX_STEP: f64 = 10.0;
 /// Largest feed and spindle override.
 const MAX_OVERRIDE: f64 = 2.0;
-/// Starts of blocks that can be retraced at once.
+/// Maximum number of block starts in one retrace.
 const MAX_BLOCKS: u32 = 1000;
-/// Smallest spindle override: with none a spindle would stop in the cut, and the feed go on.
+/// Minimum spindle override. At 0 the spindle would stop in the cut while the feed continues.
 const MIN_SPINDLE_OVERRIDE: f64 = 0.1;
 /// Work coordinate systems G54 to G59.3.
 const SYSTEMS: u32 = 9;
 
-/// The numbers of a request, as they came.
+/// The numbers of a request, as received.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RawCommand<'a> {
-    /// Number of the command.
+    /// Code of the command.
     pub command: u32,
-    /// Bit i set: about axis i.
+    /// Bit i set: applies to axis i.
     pub axes_mask: u32,
     /// A whole number.
     pub index: u32,
@@ -35,15 +35,16 @@ pub struct RawCommand<'a> {
     pub amount: f64,
     /// A number for each axis.
     pub values: [f64; AXES],
-    /// The text; none where it is no UTF-8 or too long.
+    /// The text; `None` if it is not UTF-8 or too long.
     pub text: Option<&'a str>,
 }
 
 impl Command {
-    /// Gives the numbers of a request their meaning. `present` are the machine's axes.
+    /// Decodes a request. `present` are the axes of the machine.
     ///
     /// # Errors
-    /// The command is unknown, a number is not finite or out of range, an axis is missing, the text is none.
+    /// The command is unknown, a number is not finite or out of range, an axis is missing, or the text is
+    /// invalid.
     pub fn decode(raw: &RawCommand<'_>, present: AxisMask) -> Result<(CommandCode, Self), Rejection> {
         let Some(code) = CommandCode::from_number(raw.command) else {
             return Err(Rejection::new(
@@ -54,8 +55,8 @@ impl Command {
                 ),
             ));
         };
-        // Numbers that the command does not use are checked too: a client that sends rubbish is wrong
-        // somewhere.
+        // Numbers that the command does not use are checked too: a client that sends invalid numbers has a
+        // bug.
         if !raw.amount.is_finite() || raw.values.iter().any(|value| !value.is_finite()) {
             return Err(Rejection::new(
                 Alarm::BadNumber,
@@ -161,7 +162,7 @@ fn range(what: &str, value: f64, low: f64, high: f64) -> Rejection {
     )
 }
 
-/// One axis or none, and its step; 0 for the wheel's smallest.
+/// One axis or none, and its step; 0 for the smallest step of the wheel.
 fn handwheel(raw: &RawCommand<'_>, present: AxisMask) -> Result<Command, Rejection> {
     if !(0.0..=MAX_STEP).contains(&raw.amount) {
         return Err(range("the step of the handwheel", raw.amount, 0.0, MAX_STEP));
@@ -276,7 +277,7 @@ fn jog(raw: &RawCommand<'_>, present: AxisMask) -> Result<JogCommand, Rejection>
     })
 }
 
-/// None for the machine's own.
+/// `None` for the jog speed of the machine.
 fn speed(raw: &RawCommand<'_>) -> Result<Option<f64>, Rejection> {
     if !(0.0..=MAX_VALUE).contains(&raw.amount) {
         return Err(range("the speed", raw.amount, 0.0, MAX_VALUE));
@@ -502,7 +503,7 @@ mod tests {
         assert_eq!(increment.distance.unwrap().as_slice()[..3], [-3.0, 0.0, 0.5]);
     }
 
-    /// Up to the last number that is permitted, with the words of the trace.
+    /// Values up to the limits, with the words that the trace records.
     #[test]
     fn what_is_just_in_range_is_understood_and_told_in_words() {
         let values = [MAX_VALUE, -MAX_VALUE, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -631,7 +632,7 @@ mod tests {
             let (code, command) = Command::decode(&raw, XYZ).unwrap();
             assert_eq!((code as u32, &command), (raw.command, &expected));
             assert_eq!(command.to_string().to_lowercase(), words.to_lowercase());
-            // What runs are computed again with.
+            // The values that are needed to recompute runs.
             let is_override = words.contains("override");
             assert_eq!(command.value(), is_override.then_some(raw.amount), "{words}");
         }
@@ -640,7 +641,7 @@ mod tests {
             ..of(CommandCode::Tool, 1, 0.0)
         };
         assert_eq!(refused(&too_wide), Alarm::BadNumber);
-        // An axis that the machine does not have is not dropped.
+        // An axis that the machine does not have is rejected, not dropped.
         let absent = RawCommand {
             axes_mask: 0b1101,
             ..of(CommandCode::Tool, 1, 0.0)

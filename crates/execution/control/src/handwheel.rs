@@ -1,26 +1,26 @@
-//! The handwheel: from its counts to the way of an axis.
+//! The handwheel: converts counts to distances of an axis.
 
-/// Detents between two readings beyond which the wheel was not turned: its encoder or its bridge began again.
+/// Maximum detents between two readings. A larger change means that the encoder or the bridge was restarted.
 const MAX_DETENTS: f64 = 100.0;
 
-/// What the wheel and its switches say at one moment.
+/// The counts and the switches of the wheel at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HandwheelReading {
-    /// Counts since its bridge began; none while they are not known.
+    /// Counts since the bridge started; `None` if unknown.
     pub counts: Option<f64>,
-    /// Index of the axis that is chosen; none moves without one.
+    /// Index of the selected axis; without one nothing moves.
     pub axis: Option<usize>,
-    /// Way of that axis a detent, mm or degrees.
+    /// Distance of that axis per detent, mm or degrees.
     pub step: f64,
-    /// The enabling button is held, or there is none.
+    /// The enabling button is pressed, or there is none.
     pub is_enabled: bool,
 }
 
 /// Follows the counts of a handwheel.
 ///
-/// No count is lost between two readings with the same axis while the wheel is enabled. What is turned before
-/// an axis is chosen, without the button, or while the counts are not known, moves nothing: not then and not
-/// afterwards.
+/// No count is lost between two readings with the same axis while the wheel is enabled. Counts that come
+/// before an axis is selected, without the button, or while the counts are unknown move nothing, then or
+/// later.
 ///
 /// ```
 /// use evolvent_control::{Handwheel, HandwheelReading};
@@ -39,12 +39,12 @@ pub struct HandwheelReading {
 #[derive(Clone, Copy, Debug)]
 pub struct Handwheel {
     counts_per_detent: f64,
-    /// Counts and axis of the reading before, if it counted.
+    /// Counts and axis of the previous reading, if it was valid.
     last: Option<(f64, usize)>,
 }
 
 impl Handwheel {
-    /// A wheel with this number of counts between two detents.
+    /// A wheel with this number of counts per detent.
     #[must_use]
     pub fn new(counts_per_detent: f64) -> Self {
         Self {
@@ -53,7 +53,7 @@ impl Handwheel {
         }
     }
 
-    /// The axis and the way (mm or degrees) that the wheel was turned since the reading before.
+    /// The axis and its distance (mm or degrees) since the previous reading.
     pub fn turn(&mut self, reading: &HandwheelReading) -> Option<(usize, f64)> {
         let last = self.last.take();
         let (Some(counts), Some(axis), true) = (reading.counts, reading.axis, reading.is_enabled) else {
@@ -105,10 +105,10 @@ mod tests {
     fn what_is_not_the_hand_moves_nothing() {
         let mut wheel = Handwheel::new(4.0);
         wheel.turn(&reading(0.0));
-        // The bridge began again: its counts are others.
+        // The bridge was restarted: its counts are different.
         assert_eq!(wheel.turn(&reading(-5000.0)), None);
         assert_eq!(wheel.turn(&reading(-4996.0)), Some((2, 0.1)));
-        // Not known for a while.
+        // Unknown for a while.
         assert_eq!(
             wheel.turn(&HandwheelReading {
                 counts: None,
@@ -126,7 +126,7 @@ mod tests {
         assert_eq!(wheel.turn(&other(Some(0))), None);
         assert_eq!(wheel.turn(&other(None)), None);
         assert_eq!(wheel.turn(&reading(-4700.0)), None);
-        // Not a number never gets here; it would move nothing.
+        // NaN never gets here; it would move nothing.
         assert_eq!(wheel.turn(&reading(f64::NAN)), None);
         assert_eq!(wheel.turn(&reading(-4700.0)), None);
     }

@@ -1,7 +1,8 @@
-//! Finding machine zero: the sequence of the axes.
+//! Homing: the sequence of the axes.
 //!
-//! One axis after the other, each as [`HomingMethod`] says. Every way has an end, so a switch that is missing
-//! or stuck, or an index pulse that does not come, ends the sequence with an alarm.
+//! The axes are homed one after the other, each by its [`HomingMethod`]. Every move has a maximum distance,
+//! so a switch that is missing or stuck, or an index pulse that does not come, ends the sequence with an
+//! alarm.
 
 use evolvent_machine::HomingMethod;
 use evolvent_path::{Axes, AxisLetter, AxisMask};
@@ -14,83 +15,83 @@ use crate::rejection::Rejection;
 pub struct HomingAxis {
     /// The axis.
     pub axis: AxisLetter,
-    /// By what it finds machine zero.
+    /// How it finds machine zero.
     pub method: HomingMethod,
-    /// Its place in the sequence, the smallest first; equal ones in the order of the axes.
+    /// Position in the sequence, the smallest first; axes with the same number in the order of the axes.
     pub order: u32,
-    /// Where the switch, or the index pulse, is searched: 1 or -1.
+    /// Direction in which the switch or the index pulse is searched: 1 or -1.
     pub direction: f64,
-    /// Speed of search, mm/s or degrees/s.
+    /// Speed of the search, mm/s or degrees/s.
     pub search_velocity: f64,
-    /// Speed of the second approach, and at which the index pulse is searched.
+    /// Speed of the second approach and of the search for the index pulse.
     pub latch_velocity: f64,
-    /// Machine coordinate of what is found: of the edge at which the switch closes, or of the index pulse.
+    /// Machine coordinate of the edge at which the switch closes, or of the index pulse.
     pub reference: f64,
     /// Length of the travel.
     pub travel: f64,
-    /// Where the axis goes in the end, machine coordinate.
+    /// Final position of the axis, machine coordinate.
     pub home: f64,
 }
 
-/// What the drives say, one sample.
+/// One sample of the drives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HomingSample {
-    /// When it was taken, ns of any clock.
+    /// Time of the sample, ns of any clock.
     pub time_ns: u64,
-    /// Actual positions in the drives' own coordinates.
+    /// Actual positions in the coordinates of the drives.
     pub position: Axes,
     /// Bit i set: the home switch of axis i is closed.
     pub switches: AxisMask,
-    /// Bit i set: the limit switch at the negative, and at the positive end of axis i is pressed.
+    /// Bit i set: the limit switch of axis i is pressed; at the negative and at the positive end.
     pub limits: [AxisMask; 2],
     /// Bit i set: the position of axis i counts from machine zero.
     pub absolute: AxisMask,
-    /// The request for an index pulse that the bridge has taken over; 0 for none.
+    /// The request for an index pulse that the bridge has accepted; 0 for none.
     pub index_request: u32,
-    /// Where the pulse was, once it has come.
+    /// Position of the pulse, once it has come.
     pub index_position: Option<f64>,
 }
 
-/// What is to be done next.
+/// The next action of the caller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum HomingAction {
     /// Nothing new.
     Wait,
-    /// Move one axis by so much at this speed; the axes rest. The soft limits do not count.
+    /// Move one axis, which is at rest, by this distance at this speed. The soft limits do not apply.
     Move {
         /// The axis.
         axis: AxisLetter,
-        /// With its sign.
+        /// Signed distance.
         distance: f64,
         /// Per s.
         speed: f64,
     },
-    /// Bring the axis to rest.
+    /// Stop the axis.
     Stop,
-    /// Have the next index pulse of the axis latched.
+    /// Request the next index pulse of the axis from the bridge.
     LatchIndex {
         /// The axis.
         axis: AxisLetter,
         /// Number of the request.
         request: u32,
     },
-    /// The axes rest: machine coordinate `coordinate` is where the drive says `position`.
+    /// The axes are at rest: `position` of the drive is machine coordinate `coordinate`.
     SetZero {
         /// The axis.
         axis: AxisLetter,
-        /// In the drive's coordinates.
+        /// In the coordinates of the drive.
         position: f64,
         /// In machine coordinates.
         coordinate: f64,
-        /// How far from the switch's edge the index pulse was, where both were looked for.
+        /// Distance of the index pulse from the edge of the switch, if both were searched.
         from_switch: Option<f64>,
     },
-    /// The axis is where its drive says.
+    /// Take over the position that the drive reports for the axis.
     TakePosition {
         /// The axis.
         axis: AxisLetter,
     },
-    /// Move the axis, whose zero is known, to this machine coordinate.
+    /// Move the axis, which is homed, to this machine coordinate.
     Home {
         /// The axis.
         axis: AxisLetter,
@@ -99,13 +100,13 @@ pub enum HomingAction {
         /// Per s.
         speed: f64,
     },
-    /// All are homed.
+    /// All axes are homed.
     Done,
-    /// It cannot be done.
+    /// The sequence has failed.
     Fail(Rejection),
 }
 
-/// The sequence.
+/// The homing sequence.
 #[derive(Clone, Debug)]
 pub struct Homing {
     axes: Vec<AxisHoming>,
@@ -113,7 +114,7 @@ pub struct Homing {
 }
 
 impl Homing {
-    /// A sequence of these axes. Requests for index pulses are numbered from `first_request` on, one for each
+    /// A sequence of these axes. Requests for index pulses are numbered from `first_request`, one number per
     /// axis.
     #[must_use]
     pub fn new(mut axes: Vec<HomingAxis>, first_request: u32) -> Self {
@@ -127,14 +128,14 @@ impl Homing {
         }
     }
 
-    /// The axis at work.
+    /// The axis that is being homed.
     #[must_use]
     pub fn axis(&self) -> Option<AxisLetter> {
         self.axes.get(self.at).map(|axis| axis.settings().axis)
     }
 
-    /// Limit switches, at negative and positive ends, that the sequence itself looks at: where the axis at
-    /// work searches its home switch, since one switch may be both. All others stop the axes as always.
+    /// The limit switches, at negative and positive ends, that the sequence handles itself while an axis
+    /// searches its home switch, since one switch may be both. All others stop the axes as always.
     #[must_use]
     pub fn expected_limits(&self) -> [AxisMask; 2] {
         self.axes
@@ -142,10 +143,10 @@ impl Homing {
             .map_or([AxisMask::NONE; 2], AxisHoming::expected_limits)
     }
 
-    /// Goes on with one sample of the drives. `at_rest`: the axes rest and no order of this sequence is under
-    /// way.
+    /// Processes one sample of the drives. `at_rest`: the axes are at rest and no order of this sequence is
+    /// in progress.
     ///
-    /// After [`HomingAction::Done`] and [`HomingAction::Fail`] it is over.
+    /// After [`HomingAction::Done`] and [`HomingAction::Fail`] the sequence is over.
     pub fn step(&mut self, sample: &HomingSample, at_rest: bool) -> HomingAction {
         let Some(axis) = self.axes.get_mut(self.at) else {
             return HomingAction::Done;

@@ -1,10 +1,10 @@
-//! What the machine is doing, as far as commands depend on it.
+//! The state of the machine on which interlocks depend.
 
 /// Whether the drives may move. The numbers are those on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum MachineState {
-    /// Emergency stop: nothing but its reset is accepted.
+    /// Emergency stop: only its reset is accepted.
     Estop = 0,
     /// The drives are without power.
     Off = 1,
@@ -12,7 +12,7 @@ pub enum MachineState {
     On = 2,
 }
 
-/// Where commands come from. The numbers are those on the bus.
+/// The source of commands. The numbers are those on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Mode {
@@ -25,7 +25,7 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// The mode of a number.
+    /// The mode with this number.
     #[must_use]
     pub const fn from_number(number: u32) -> Option<Self> {
         match number {
@@ -36,7 +36,7 @@ impl Mode {
         }
     }
 
-    /// Its name.
+    /// The name of the mode.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -47,7 +47,7 @@ impl Mode {
     }
 }
 
-/// What has the axes. The numbers are those on the bus.
+/// The kind of job that moves the axes. The numbers are those on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Activity {
@@ -63,14 +63,14 @@ pub enum Activity {
     Homing = 4,
 }
 
-/// All that the interlocks look at.
+/// Everything that the interlocks depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InterlockState {
     /// Emergency stop, off or on.
     pub machine: MachineState,
     /// Automatic, manual or MDI.
     pub mode: Mode,
-    /// What has the axes.
+    /// The kind of job that moves the axes.
     pub activity: Activity,
     /// A program is loaded.
     pub is_loaded: bool,

@@ -1,4 +1,4 @@
-//! The interlocks: one row a command.
+//! The interlocks: one row per command.
 
 use crate::alarm::Alarm;
 use crate::command_code::CommandCode as Code;
@@ -9,11 +9,11 @@ use crate::interlock_state::{Activity, InterlockState, MachineState, Mode};
 pub struct Rule {
     /// The command.
     pub command: Code,
-    /// In emergency stop, off, on.
+    /// Accepted in emergency stop, off, on.
     pub machine: [bool; 3],
-    /// In automatic, manual, MDI.
+    /// Accepted in automatic, manual, MDI.
     pub mode: [bool; 3],
-    /// While nothing, a program, MDI, a jog, homing has the axes.
+    /// Accepted while nothing, a program, MDI, a jog, homing moves the axes.
     pub activity: [bool; 5],
     /// Needs every axis homed.
     pub homed: bool,
@@ -21,9 +21,9 @@ pub struct Rule {
     pub loaded: bool,
     /// Needs that no alarm is latched.
     pub clear: bool,
-    /// Needs that the feed is held, or a program stop is waited at.
+    /// Needs a feed hold or a program stop.
     pub held: bool,
-    /// Also accepted, in any mode, while a program or MDI has the axes and is held.
+    /// Also accepted, in any mode, while a program or MDI is held.
     pub while_held: bool,
 }
 
@@ -107,9 +107,9 @@ pub const RULES: [Rule; 31] = [
     rule(Code::TouchOff, ANY, ANY, IDLE),
     rule(Code::Tool, ANY, ANY, IDLE),
     rule(Code::ClearAlarms, ANY, ANY, IDLE),
-    // A program's outputs are its own while it runs.
+    // Only a program sets outputs while it runs.
     rule(Code::SetOutput, AWAKE, ANY, [YES, NO, NO, YES, NO]),
-    // It only chooses: what the wheel moves is judged as a jog.
+    // This only selects the axis: motion of the wheel is checked as a jog.
     rule(Code::Handwheel, ANY, ANY, ALWAYS),
     Rule {
         clear: true,
@@ -143,7 +143,7 @@ pub const RULES: [Rule; 31] = [
 /// ```
 ///
 /// # Errors
-/// The first reason why it is not, in the order machine, alarm, mode, activity, program, homing, hold.
+/// The first reason for a rejection, in the order machine, alarm, mode, activity, program, homing, hold.
 pub fn judge(command: Code, situation: &InterlockState) -> Result<(), Alarm> {
     let rule = &RULES[command as usize - 1];
     if !rule.machine[situation.machine as usize] {
@@ -159,7 +159,7 @@ pub fn judge(command: Code, situation: &InterlockState) -> Result<(), Alarm> {
     }
     let is_job = matches!(situation.activity, Activity::Program | Activity::Mdi);
     if rule.while_held && is_job {
-        // What is missing is a hold: another mode would not help.
+        // The missing condition is a hold: another mode would not help.
         return if situation.is_held {
             Ok(())
         } else {
@@ -167,7 +167,7 @@ pub fn judge(command: Code, situation: &InterlockState) -> Result<(), Alarm> {
         };
     }
     if !rule.mode[situation.mode as usize] {
-        // While a job has the axes the mode cannot be changed: it is the job that is in the way.
+        // While a job moves the axes the mode cannot be changed: the job is the reason.
         let is_in_the_way =
             situation.activity != Activity::None && !rule.activity[situation.activity as usize];
         return Err(if is_in_the_way && rule.activity[Activity::None as usize] {
@@ -177,7 +177,7 @@ pub fn judge(command: Code, situation: &InterlockState) -> Result<(), Alarm> {
         });
     }
     if !rule.activity[situation.activity as usize] {
-        // A hold is for paths; a jog or a homing sequence is stopped.
+        // Only motion along a path can be held; a jog or a homing sequence is stopped.
         return Err(if rule.activity[Activity::None as usize] {
             Alarm::Busy
         } else {
@@ -196,7 +196,7 @@ pub fn judge(command: Code, situation: &InterlockState) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// The mode that a command needs, where it needs one.
+/// The mode that a command requires, if any.
 pub(crate) fn mode_needed(command: Code) -> Option<Mode> {
     let modes = RULES[command as usize - 1].mode;
     let found = [Mode::Auto, Mode::Manual, Mode::Mdi]
@@ -210,9 +210,10 @@ pub(crate) fn mode_needed(command: Code) -> Option<Mode> {
 mod tests {
     use super::*;
 
-    /// Written by hand, apart from [`RULES`]: machine, mode and activity in which each command is accepted,
-    /// and what it needs besides. E e-stop, F off, N on; a auto, m manual, i MDI; - nothing, p program, b MDI
-    /// block, j jog, h homing; H homed, L loaded, C clear of alarms, W waiting (held).
+    /// Written by hand, independently of [`RULES`]: the machine states, modes and activities in which each
+    /// command is accepted, and its other conditions. E e-stop, F off, N on; a auto, m manual, i MDI; -
+    /// nothing, p program, b MDI block, j jog, h homing; H homed, L loaded, C clear of alarms, W waiting
+    /// (held).
     const TABLE: &str = "
         ESTOP            EFN ami -pbjh
         ESTOP_RESET      E   ami -

@@ -1,6 +1,6 @@
 //! The enabling signal of a jog.
 
-/// A continuous jog goes on only while its client renews it.
+/// A continuous jog continues only while its client renews it.
 ///
 /// ```
 /// use evolvent_control::JogEnable;
@@ -17,10 +17,10 @@ pub struct JogEnable {
 }
 
 impl JogEnable {
-    /// How long a jog goes on without being renewed, ns.
+    /// Time for which a jog continues without being renewed, ns.
     pub const PATIENCE_NS: u64 = 90_000_000;
 
-    /// Begun or renewed by `client` at `now_ns`.
+    /// Started or renewed by `client` at `now_ns`.
     #[must_use]
     pub const fn held(client: u64, now_ns: u64) -> Self {
         Self {
@@ -29,7 +29,7 @@ impl JogEnable {
         }
     }
 
-    /// Renews it; `false`, and no effect, for another client.
+    /// Renews the jog. For another client, returns `false` and has no effect.
     pub fn renew(&mut self, client: u64, now_ns: u64) -> bool {
         let mine = client == self.client;
         if mine {
@@ -38,7 +38,7 @@ impl JogEnable {
         mine
     }
 
-    /// Until when the jog may go on, ns of the caller's clock.
+    /// Time until which the jog may continue, ns of the caller's clock.
     #[must_use]
     pub const fn until_ns(self) -> u64 {
         self.until_ns

@@ -1,13 +1,13 @@
-//! Operating the machine: which command is allowed when, what it does, and what is said if it is not.
+//! Operating the machine: which command is accepted when, what it does, and why it is rejected.
 //!
 //! ```text
 //!   request ──► serial ──► decode ──► interlocks ──► Command, to be carried out
 //!               newer?     numbers    one table      and committed
 //! ```
 //!
-//! [`OperatorState`] is the operator's view of one machine: e-stop, off or on; manual, MDI or automatic; what
-//! moves the axes; overrides and switches; latched alarms. It reads no clock and does no I/O: time and inputs
-//! are arguments, and a [`Command`] to be carried out is the result. Every scenario therefore runs in
+//! [`OperatorState`] is the operator's view of one machine: e-stop, off or on; manual, MDI or automatic; the
+//! job that moves the axes; overrides and switches; latched alarms. It reads no clock and does no I/O: time
+//! and inputs are arguments, and the result is a [`Command`] to execute. Every scenario therefore runs in
 //! microseconds.
 //!
 //! ```
@@ -38,14 +38,15 @@
 //! assert_eq!(rejection.alarm, Alarm::Stale);
 //! ```
 //!
-//! The interlocks are one table, [`RULES`]: a row for each command, with the machine states, modes and
-//! activities in which it is accepted and what else it needs. Every rejection has a stable number and a
+//! The interlocks are one table, [`RULES`], with a row for each command: the machine states, modes and
+//! activities in which it is accepted, and its other conditions. Every rejection has a stable number and a
 //! sentence ([`Alarm`], [`Rejection`]).
 //!
-//! [`Homing`] is the sequence that finds machine zero with the switches and index pulses of the drives;
-//! [`JogEnable`] ends a jog whose client no longer renews it; [`Handwheel`] makes ways of a wheel's counts.
+//! [`Homing`] is the sequence that finds machine zero with the switches and index pulses of the drives.
+//! [`JogEnable`] ends a jog whose client no longer renews it. [`Handwheel`] converts counts of the wheel to
+//! distances.
 //!
-//! Nothing here is for the real-time cycle.
+//! Nothing in this crate is for the real-time cycle.
 
 mod alarm;
 mod axis_homing;

@@ -1,4 +1,4 @@
-//! The operator's desk: what the machine is, and how commands and events change it.
+//! The state of the machine for its operator, and how commands and events change it.
 
 use evolvent_path::AxisMask;
 
@@ -11,9 +11,9 @@ use crate::interlocks::judge;
 use crate::rejection::Rejection;
 use crate::serials::Serials;
 
-/// Alarms that are listed; of more the newest are only counted.
+/// Maximum number of alarms that are listed. Further ones are counted; those that latch replace others.
 const MAX_ALARMS: usize = 16;
-/// How long drives may take until they are enabled, ns, where nothing else was said.
+/// Default time until drives have to be enabled, ns.
 const ENABLE_NS: u64 = 2_000_000_000;
 
 /// The result of a command, as in the reply.
@@ -22,9 +22,9 @@ const ENABLE_NS: u64 = 2_000_000_000;
 pub enum Verdict {
     /// It takes effect.
     Accepted = 0,
-    /// It has no effect; the alarm has the reason.
+    /// It has no effect; the alarm contains the reason.
     Rejected = 1,
-    /// It is not newer than an earlier one of the same client.
+    /// Its serial number is not above that of an earlier command of the same client.
     Stale = 2,
 }
 
@@ -32,10 +32,10 @@ pub enum Verdict {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u32)]
 pub enum JobResult {
-    /// It runs, or there has been none.
+    /// The job runs, or there has been none.
     #[default]
     None = 0,
-    /// At its end.
+    /// The job ran to its end.
     Done = 1,
     /// By a stop, or because the client that jogged has gone.
     Stopped = 2,
@@ -45,7 +45,7 @@ pub enum JobResult {
     Fault = 4,
 }
 
-/// What the desk cannot know by itself.
+/// Facts from outside on which the state depends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OperatorInputs {
     /// Bit i set: the machine has axis i.
@@ -54,9 +54,9 @@ pub struct OperatorInputs {
     pub is_held: bool,
     /// The process is about to end.
     pub is_ending: bool,
-    /// The axes are away from the program that is held.
+    /// The axes are away from the held program.
     pub is_away: bool,
-    /// The machine has an emergency-stop chain that is open, or not known.
+    /// The emergency-stop chain of the machine is open or unknown.
     pub is_chain_open: bool,
 }
 
@@ -85,7 +85,7 @@ impl Default for Overrides {
     }
 }
 
-/// What the next program is run with.
+/// Switches for the next program.
 #[derive(Clone, Copy, Debug, Default)]
 struct ProgramSwitches {
     single_step: bool,
@@ -93,19 +93,20 @@ struct ProgramSwitches {
     block_delete: bool,
 }
 
-/// The desk of one machine.
+/// The operator's state of one machine.
 #[derive(Clone, Debug)]
 pub struct OperatorState {
     serials: Serials,
     machine: MachineState,
     mode: Mode,
     activity: Activity,
-    /// When enabling of the drives was requested, while they are not enabled.
+    /// Time at which enabling of the drives was requested, while they are not enabled.
     enabling_since_ns: Option<u64>,
     enable_timeout_ns: u64,
     homed: AxisMask,
     program: Option<String>,
-    /// A program was to be loaded since, and was not: who starts now may mean that one.
+    /// A load has failed since the last successful one: a start without a name may mean the program that
+    /// failed.
     load_failed: bool,
     overrides: Overrides,
     switches: ProgramSwitches,
@@ -118,7 +119,7 @@ pub struct OperatorState {
 }
 
 impl Default for OperatorState {
-    /// As after power-up: in emergency stop, manual, nothing homed.
+    /// The state after power-up: in emergency stop, manual, nothing homed.
     fn default() -> Self {
         Self {
             serials: Serials::default(),
@@ -143,11 +144,12 @@ impl Default for OperatorState {
 }
 
 impl OperatorState {
-    /// Judges a request: its serial number, its numbers, the interlocks. Nothing is changed but the count of
-    /// serials; who carries the command out calls [`OperatorState::commit`] then.
+    /// Checks the serial number, the numbers and the interlocks of a request. Only the record of serial
+    /// numbers and the counts change; the caller that executes the command then calls
+    /// [`OperatorState::commit`].
     ///
     /// # Errors
-    /// Verdict and rejection for the reply; it is counted.
+    /// Verdict and rejection for the reply; the rejection is counted.
     pub fn authorize(
         &mut self,
         client: u64,
@@ -166,8 +168,8 @@ impl OperatorState {
         if facts.is_ending {
             return Err(self.refuse(Alarm::Ending.into()));
         }
-        // Until it is carried out: whatever prevents it, the program that is loaded is not the one that was
-        // wanted.
+        // Set until the load succeeds: if anything prevents it, the loaded program is not the one that was
+        // requested.
         self.load_failed |= raw.command == CommandCode::Load as u32;
         let (code, command) = match Command::decode(raw, facts.present) {
             Ok(decoded) => decoded,
@@ -183,17 +185,17 @@ impl OperatorState {
             if let Some(objection) = self.other_program(meant) {
                 return Err(self.refuse(Rejection::new(Alarm::OtherProgram, objection)));
             }
-            // Named, it is the one that is meant.
+            // A start that names the loaded program means that one.
             self.load_failed &= meant.is_empty();
         }
         Ok(command)
     }
 
-    /// What the interlocks say to a command now. [`OperatorState::authorize`] has asked before; who carries
-    /// it out later asks again.
+    /// Checks a command against the interlocks as they are now. [`OperatorState::authorize`] has checked them
+    /// already; the caller that executes the command later checks again.
     ///
     /// # Errors
-    /// Why it is not permitted; it is not counted.
+    /// The reason why it is not permitted; it is not counted.
     pub fn permit(&self, code: CommandCode, facts: &OperatorInputs) -> Result<(), Rejection> {
         if facts.is_ending {
             return Err(Alarm::Ending.into());
@@ -214,15 +216,14 @@ impl OperatorState {
         if code == CommandCode::EstopReset && facts.is_chain_open {
             return Err(Alarm::ChainOpen.into());
         }
-        // A step of a running program makes sense only where it waits.
+        // A step of a running program is valid only while the program waits.
         if code == CommandCode::Step && self.activity == Activity::Program && !facts.is_held {
             return Err(Alarm::NotHeld.into());
         }
         Ok(())
     }
 
-    /// Why the program that is loaded may not be the one that is meant by who starts it, naming `meant` or
-    /// nothing.
+    /// Why the loaded program may not be the one that the client means; the client names `meant` or nothing.
     fn other_program(&self, meant: &str) -> Option<String> {
         let loaded = self.program.as_deref()?;
         if meant.is_empty() && self.load_failed {
@@ -241,8 +242,7 @@ impl OperatorState {
         (Verdict::Rejected, refusal)
     }
 
-    /// A command that was considered is being carried out. `needs_drives`: whether switching on has to wait
-    /// for drives.
+    /// An authorized command is being executed. `needs_drives`: switching on has to wait for drives.
     pub fn commit(&mut self, command: &Command, now_ns: u64, needs_drives: bool) {
         self.accepted += 1;
         match command {
@@ -278,12 +278,12 @@ impl OperatorState {
         }
     }
 
-    /// A job has the axes from now on. Returns its number.
+    /// A job moves the axes from now on. Returns its number.
     pub fn job_begins(&mut self, activity: Activity) -> u64 {
         self.activity = activity;
         self.job += 1;
         self.result = JobResult::None;
-        // What was reported of an earlier job does not count for this one.
+        // Reports of an earlier job do not apply to this one.
         self.alarms.retain(|raised| raised.alarm.kind() != AlarmKind::Job);
         self.job
     }
@@ -296,7 +296,7 @@ impl OperatorState {
         }
     }
 
-    /// Something went wrong. A fault of the drives or the emergency of the guard also takes the machine off.
+    /// Puts an alarm into force, unless it is in force already.
     pub fn raise(&mut self, alarm: Alarm, text: impl Into<String>) {
         if self.alarms.iter().any(|raised| raised.alarm == alarm) {
             return;
@@ -306,8 +306,8 @@ impl OperatorState {
             if !alarm.is_latched() {
                 return;
             }
-            // What keeps the machine from moving is listed rather than what does not, and the newest rather
-            // than the last.
+            // A full list: a latching alarm replaces the oldest one that does not latch, or else the last in
+            // the list.
             let unlatched = self.alarms.iter().position(|raised| !raised.alarm.is_latched());
             self.alarms.remove(unlatched.unwrap_or(MAX_ALARMS - 1));
         }
@@ -315,7 +315,7 @@ impl OperatorState {
         self.alarms.push(Raised { alarm, text });
     }
 
-    /// The drives have lost power by a fault.
+    /// A fault has removed power from the drives.
     pub fn drop_power(&mut self) {
         self.enabling_since_ns = None;
         if self.machine == MachineState::On {
@@ -334,7 +334,7 @@ impl OperatorState {
         self.more_alarms = 0;
     }
 
-    /// While the drives are being enabled: whether they are. Raises an alarm where it takes too long.
+    /// Tracks the enabling of the drives. Raises an alarm if it takes too long.
     pub fn enable(&mut self, are_enabled: bool, now_ns: u64) {
         let Some(since) = self.enabling_since_ns else {
             return;
@@ -348,7 +348,7 @@ impl OperatorState {
         }
     }
 
-    /// How long drives may take until they are enabled, ns.
+    /// Sets the time within which drives have to be enabled, ns.
     pub fn set_enable_timeout_ns(&mut self, timeout_ns: u64) {
         self.enable_timeout_ns = timeout_ns;
     }
@@ -376,7 +376,7 @@ impl OperatorState {
         self.machine
     }
 
-    /// Whether power is wanted: on, or being enabled.
+    /// Whether power is requested: on, or being enabled.
     #[must_use]
     pub fn wants_power(&self) -> bool {
         self.machine == MachineState::On || self.enabling_since_ns.is_some()
@@ -388,7 +388,7 @@ impl OperatorState {
         self.mode
     }
 
-    /// What has the axes.
+    /// The kind of job that moves the axes.
     #[must_use]
     pub fn activity(&self) -> Activity {
         self.activity
@@ -424,13 +424,13 @@ impl OperatorState {
         self.switches.optional_stop
     }
 
-    /// Whether lines that begin with `/` are left out.
+    /// Whether lines that begin with `/` are skipped.
     #[must_use]
     pub fn is_block_delete(&self) -> bool {
         self.switches.block_delete
     }
 
-    /// Number of the job that runs or ran last.
+    /// Number of the job that is running or was the last.
     #[must_use]
     pub fn job(&self) -> u64 {
         self.job
@@ -448,12 +448,11 @@ impl OperatorState {
         self.alarms.iter().any(|raised| raised.alarm.is_latched())
     }
 
-    /// The alarms in force with their sentences, the cause first and the others in the order in which they
-    /// came.
+    /// The alarms in force with their sentences: the cause first, the others in the order in which they came.
     ///
-    /// The cause is the first fault since the alarms were cleared: what comes after it, a bridge that is
-    /// silent and then axes that are not homed any more, is usually its consequence. Without a fault it is
-    /// the alarm of the job, and without that the first warning.
+    /// The cause is the first fault since the alarms were cleared: what follows it (a silent bridge, then
+    /// axes that are no longer homed) is usually its consequence. Without a fault it is the alarm of the job,
+    /// and without that the first warning.
     pub fn alarms(&self) -> impl Iterator<Item = (Alarm, &str)> {
         let first = |kind| self.alarms.iter().position(|raised| raised.alarm.kind() == kind);
         let cause = first(AlarmKind::Fault)

@@ -10,12 +10,12 @@ use crate::interlocks::mode_needed;
 pub struct Rejection {
     /// The number.
     pub alarm: Alarm,
-    /// What was wrong and what to do.
+    /// The problem and its remedy.
     pub text: String,
 }
 
 impl Rejection {
-    /// With a sentence of its own.
+    /// A rejection with its own sentence.
     #[must_use]
     pub fn new(alarm: Alarm, text: impl Into<String>) -> Self {
         Self {
@@ -24,7 +24,7 @@ impl Rejection {
         }
     }
 
-    /// What the interlocks have against a command.
+    /// The rejection of a command by the interlocks.
     #[must_use]
     pub fn by_rule(alarm: Alarm, command: CommandCode) -> Self {
         match (alarm, mode_needed(command)) {

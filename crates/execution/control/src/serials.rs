@@ -1,6 +1,6 @@
 //! Serial numbers of clients: each command takes effect once.
 
-/// Clients that are remembered.
+/// Maximum number of clients that are remembered.
 const MAX_CLIENTS: usize = 256;
 
 /// The last serial number of each client.
@@ -15,15 +15,15 @@ const MAX_CLIENTS: usize = 256;
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct Serials {
-    /// In order of their last command.
+    /// Client and serial number, in order of the last command.
     last: Vec<(u64, u64)>,
 }
 
 impl Serials {
-    /// Notes a command; `false` where it is not newer than the last of its client, or the client has no
-    /// number.
+    /// Records a command. Returns `false` if its serial number is not above the last of its client, or if the
+    /// client has no number.
     ///
-    /// Of more than 256 clients the one that has been silent longest is forgotten.
+    /// Beyond 256 clients, the client that has been silent longest is forgotten.
     pub fn admit(&mut self, client: u64, serial: u64) -> bool {
         if client == 0 || serial == 0 {
             return false;

@@ -1,4 +1,4 @@
-//! One period along the plan.
+//! Advances the cursor along the plan by one period.
 
 use evolvent_path::Jet;
 use evolvent_planner::{ScalarState, Segment, Step, TimedSegment};
@@ -12,16 +12,16 @@ use crate::slowdown::Ahead;
 use crate::state::State;
 use crate::takeover::Takeover;
 
-/// Steps, segments and marks passed in one cycle at most. Pieces are as short as the path's shortest blocks
-/// make them, so only a broken plan comes near it.
+/// Maximum number of steps, segments and marks passed in one cycle. Pieces are about as long as the shortest
+/// blocks of the path, so only a broken plan comes near this number.
 const MAX_PER_CYCLE: usize = 4096;
-/// Steps at rest that take no time and are passed in one cycle at most: a program may have thousands in a
-/// row, more than the queue holds.
+/// Maximum number of rest steps without duration that are passed in one cycle: a program may have thousands
+/// in a row, more than the queue holds.
 pub(crate) const MAX_RESTS_PER_CYCLE: u64 = 32;
-/// What rounding leaves between a rest at the end of a move and its end, parameter units.
+/// Rounding between a rest at the end of a move and the end of the move, parameter units.
 const END_ROUNDING: f64 = 1e-11;
-/// A block that starts within this of a piece's end starts with the next piece, parameter units: path lengths
-/// and the places of blocks are sums of their own.
+/// A block that starts within this distance of the end of a piece starts with the next piece, parameter
+/// units: path lengths and block positions are summed independently.
 const NEXT_PIECE: f64 = 1e-6;
 
 impl PathExecutor {
@@ -39,7 +39,7 @@ impl PathExecutor {
             brake,
             feed_override: self.feed_override,
         };
-        // A profile is solved once, and again only when something that it was solved for has changed.
+        // A profile is solved once, and again only when one of its inputs has changed.
         if let ActiveMotion::Run(run) = &cursor.drive
             && (brake != run.braking || (changed && !brake))
         {
@@ -82,7 +82,8 @@ impl PathExecutor {
         if cursor.slowdown.is_some_and(|slowdown| slowdown.is_at_rest())
             && let ActiveMotion::TimedSegment { flow, .. } = cursor.drive
         {
-            // Within a piece: that the slowdown stays tells that it goes on from there with a new plan only.
+            // The plan rests within a piece. The slowdown is kept as the mark that only a new plan continues
+            // from here.
             let x = cursor.now().0.x;
             cursor.leave(&flow);
             cursor.rest.x = x;
@@ -91,8 +92,8 @@ impl PathExecutor {
         self.settle(cursor, standing, inputs);
     }
 
-    /// Enters the next step; `false` where it has to be waited for, and where nothing more is entered in this
-    /// cycle.
+    /// Enters the next step. Returns `false` if it has to be waited for, and if nothing more is entered in
+    /// this cycle.
     fn enter(
         &mut self,
         cursor: &mut Cursor,
@@ -106,13 +107,13 @@ impl PathExecutor {
         if at_rest && standing {
             return false;
         }
-        // Where a place is kept, it is as if the step that will take it had not come yet.
+        // A reserved step counts as missing until a step is linked to it.
         let found = queue.occupant(cursor.step).and_then(|index| {
             let step = queue.step(index)?;
             Some((index, step, queue.is_final(index)))
         });
         let is_known = found.is_some_and(|(_, step, is_final)| {
-            // A stop has ended within a piece: another plan will be made from there anyway.
+            // A stop has ended within a piece: another plan is made from there in any case.
             is_final || !step.begins_motion() || cursor.slowdown.is_some()
         });
         if at_rest && !queue.look(is_known) {
@@ -121,8 +122,7 @@ impl PathExecutor {
         let Some((index, step, is_final)) = found else {
             return queue.look(false);
         };
-        // A feed of zero keeps the axes where they are, and nothing else: a dwell, an output or a stop comes
-        // when it is its turn.
+        // A feed of zero only prevents motion. A dwell, an output or a stop takes effect when it is reached.
         if at_rest && pace.brake && step.begins_motion() {
             return false;
         }
@@ -130,7 +130,7 @@ impl PathExecutor {
         self.enter_step(cursor, step, (from, is_final), pace, inputs, queue)
     }
 
-    /// From state `from`, `is_final` if the step cannot change any more.
+    /// Enters a step from state `from`; `is_final` if the step cannot change any more.
     fn enter_step(
         &mut self,
         cursor: &mut Cursor,
@@ -147,8 +147,7 @@ impl PathExecutor {
                 cursor.enter_run(&run, from, pace, queue);
             }
             Step::TimedSegment(flow) => {
-                // A stop within a piece, or a plan for another override: both are replaced before anything
-                // moves.
+                // A stop within a piece, or a plan for another override: both are replaced before any motion.
                 if cursor.slowdown.is_some() || !self.plan_fits(cursor.step, pace.brake) {
                     self.rest_step = Some(step);
                     return false;
@@ -169,7 +168,7 @@ impl PathExecutor {
             }
             Step::ProgramStop { line } | Step::InputWait { line } => {
                 cursor.line = line;
-                // A request to go on from before the machine was here does not count: it cannot have meant
+                // A request to resume from before the machine was here does not count: it cannot refer to
                 // this stop.
                 let stood_here = cursor.state == State::ProgramStop;
                 if !inputs.resume || self.resume_seen || !stood_here {
@@ -234,7 +233,8 @@ impl PathExecutor {
         };
     }
 
-    /// Position and time derivatives at the cursor; passes segments and blocks that were passed.
+    /// Position and time derivatives at the cursor. Advances over segments and block marks that have been
+    /// passed.
     pub(crate) fn evaluate(&self, cursor: &mut Cursor, queue: &mut PlanConsumer) -> (Jet, Option<Segment>) {
         let (now, jerk) = cursor.now();
         cursor.joint = false;
@@ -268,8 +268,8 @@ impl PathExecutor {
             }
         }
         let path = cursor.path();
-        // Where the path rests at the piece's end, it is a matter of the planner's speed whether the block
-        // after is known yet.
+        // If the path rests at the end of the piece, whether the next block is known yet depends on the speed
+        // of the planner.
         let next_piece = match &cursor.drive {
             ActiveMotion::TimedSegment { flow, .. } => {
                 let length = flow.piece.length;
@@ -290,7 +290,7 @@ impl PathExecutor {
         }
         let x = (now.x - cursor.segment_start).min(segment.length);
         let mut place = segment.jet(x);
-        // At rest at the end of a move the place is the programmed one to the last bit.
+        // At rest at the end of a move the position is exactly the programmed one.
         let last = segment.from + segment.length >= segment.curve.domain() - END_ROUNDING;
         if cursor.is_still() && last && segment.length - x <= END_ROUNDING {
             place.position = segment.curve.end();
@@ -301,8 +301,8 @@ impl PathExecutor {
             return (Jet::at_rest(position), Some(segment));
         }
         if cursor.is_still() {
-            // Zero times a derivative may be -0.0, and whether there is a segment yet is a matter of the
-            // planner's speed.
+            // Zero times a derivative may be -0.0, and whether the segment is known yet depends on the speed
+            // of the planner.
             return (Jet::at_rest(place.position), Some(segment));
         }
         (place.compose(now.v, now.a, jerk), Some(segment))
@@ -310,8 +310,8 @@ impl PathExecutor {
 }
 
 impl Cursor {
-    /// Drives a piece of a time law for the time that is left of the period; whether another one follows in
-    /// it.
+    /// Drives a timed segment for the rest of the period. Returns whether another segment starts within the
+    /// period.
     fn advance_segment(&mut self, left: &mut f64, queue: &mut PlanConsumer) -> bool {
         let ActiveMotion::TimedSegment { flow, time } = &mut self.drive else {
             return false;
@@ -327,8 +327,8 @@ impl Cursor {
         let rests = flow.rests_at_end();
         let (next, is_unfinished) = queue.settle_successor(self.step, rests);
         self.step = next;
-        // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any
-        // other.
+        // A rest of the plan ends a slowdown. A step after it that was not final is entered from rest like
+        // any other.
         let stays = (self.slowdown.is_some() || is_unfinished) && rests;
         if let Some(Step::TimedSegment(flow)) = queue.step(next)
             && !stays
@@ -337,13 +337,13 @@ impl Cursor {
             self.start(flow);
             return true;
         }
-        // Rest steps take effect in the cycle after. At rest as planned, nothing is left to be slowed.
+        // Rest steps take effect in the following cycle. The plan rests, so the slowdown is over.
         self.slowdown = None;
         false
     }
 
-    /// At rest, with `left` of the period: the state from which the next step is entered, if it is in this
-    /// cycle. `rests`: steps at rest passed before this cycle.
+    /// At rest, with `left` of the period remaining: the state from which the next step is entered, if it is
+    /// entered in this cycle. `rests` is the number of rest steps passed before this cycle.
     fn wait_at_rest(&mut self, left: f64, standing: bool, rests: u64) -> Option<ScalarState> {
         if std::mem::take(&mut self.rest.stays) {
             return None;
@@ -365,13 +365,13 @@ impl Cursor {
         })
     }
 
-    /// The step at rest is over.
+    /// Passes a completed rest step.
     pub(crate) fn pass_rest(&mut self) {
         self.step += 1;
         self.rest.passed += 1;
     }
 
-    /// Drives a piece from its start.
+    /// Starts a timed segment.
     pub(crate) fn start(&mut self, flow: TimedSegment) {
         self.drive = ActiveMotion::TimedSegment { flow, time: 0.0 };
         self.rest.position = None;
@@ -380,7 +380,7 @@ impl Cursor {
         self.travelled = flow.path;
     }
 
-    /// At rest at the end of a piece.
+    /// Rests at the end of a timed segment.
     fn leave(&mut self, flow: &TimedSegment) {
         self.drive = ActiveMotion::Still;
         self.rest.x = flow.piece.length;
@@ -389,7 +389,7 @@ impl Cursor {
 }
 
 impl Cursor {
-    /// Whether a rapid is driven, or comes next where the present segment has been driven to its end.
+    /// Whether the motion is a rapid, or, at the end of the present segment at rest, whether the next one is.
     pub(crate) fn is_rapid(&self, segment: &Segment, queue: &mut PlanConsumer) -> bool {
         let left = self.segment_start + segment.length - self.now().0.x;
         if self.is_still() && left <= NEXT_PIECE {

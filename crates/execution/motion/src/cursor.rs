@@ -1,4 +1,4 @@
-//! Where the cycle is in the plan.
+//! The position of the cycle in the plan.
 
 use evolvent_path::Axes;
 use evolvent_planner::{ScalarState, TimedSegment};
@@ -8,62 +8,64 @@ use crate::slowdown::Slowdown;
 use crate::state::State;
 use crate::takeover::Takeover;
 
-/// What moves the axes at the moment.
+/// The element of the plan that moves the axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum ActiveMotion {
-    /// Nothing: at rest at this parameter of the present segment's stretch.
+    /// Nothing: at rest at this parameter of the present segment.
     Still,
-    /// A run of the classic planner, solved here.
+    /// A run of the classic planner, solved by the cycle.
     Run(RunDrive),
-    /// A piece of the near-optimal planner's law, `time` seconds after its start.
+    /// A timed segment of the time-optimal planner, `time` seconds after its start.
     TimedSegment { flow: TimedSegment, time: f64 },
 }
 
-/// Where and why the axes are at rest.
+/// Position and reason of the axes being at rest.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RestState {
-    /// Parameter of the drive.
+    /// Parameter, from the start of the last timed segment or run.
     pub(crate) x: f64,
-    /// Seconds of dwell left.
+    /// Remaining seconds of the dwell.
     pub(crate) dwell: f64,
-    /// Steps at rest passed.
+    /// Number of rest steps passed.
     pub(crate) passed: u64,
-    /// At rest for this cycle, whatever comes next.
+    /// Stays at rest for this cycle, whatever comes next.
     pub(crate) stays: bool,
-    /// At rest where another motion takes over.
+    /// The motion that takes over from the plan at rest.
     pub(crate) takeover: Option<Takeover>,
-    /// At rest here and not at the end of the path: a probing move or a pass of threading has ended here.
+    /// Position at rest if it is not the end of the path: a probing move or a pass of threading has ended
+    /// here.
     pub(crate) position: Option<Axes>,
 }
 
-/// Where the cycle is in the plan. `Copy`: a step is computed on a copy and kept only if the guard agrees.
+/// The position of the cycle in the plan. `Copy`: a step is computed on a copy, which is kept only if the
+/// guard accepts it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cursor {
     pub(crate) drive: ActiveMotion,
-    /// The step that drives, or at rest the next one.
+    /// The step that moves the axes; at rest, the next one.
     pub(crate) step: u64,
-    /// Segment in which the axes are.
+    /// The segment that contains the position.
     pub(crate) segment: u64,
-    /// The first segment of the run that drives, or of the next one.
+    /// The first segment of the run that moves the axes, or of the next one.
     pub(crate) run_segment: u64,
-    /// Parameter of the drive (0 where it starts) at which that segment starts.
+    /// Parameter, from the start of the timed segment or run, at which that segment starts.
     pub(crate) segment_start: f64,
-    /// Segment of the present or last piece, and the piece's start in it.
+    /// Segment of the present or last piece, and the offset of the piece in it.
     pub(crate) piece_at: Option<(u64, f64)>,
-    /// The first mark of a block's start that lies ahead.
+    /// The first block mark ahead.
     pub(crate) mark: u64,
     /// Grid interval of the plan that has been reached.
     pub(crate) interval: u64,
-    /// Parameter length of all runs passed, or of the path to the present piece.
+    /// Parameter length of all runs passed, or of the path up to the present piece.
     pub(crate) travelled: f64,
     pub(crate) state: State,
     pub(crate) actions: u32,
     pub(crate) line: u32,
     pub(crate) block: u32,
     pub(crate) starved: bool,
-    /// A step of curvature was passed in this cycle.
+    /// A step of curvature has been passed in this cycle.
     pub(crate) joint: bool,
-    /// The plan is driven more slowly than it was made: for a hold or a lower override.
+    /// The slowdown of the plan: for a hold or a lower override.
     pub(crate) slowdown: Option<Slowdown>,
     pub(crate) rest: RestState,
 }
@@ -95,7 +97,8 @@ impl Cursor {
         matches!(self.drive, ActiveMotion::Still)
     }
 
-    /// The path parameter since the drive's start and its derivatives by time: speed, acceleration, jerk.
+    /// The path parameter since the start of the timed segment or run, and its time derivatives: speed,
+    /// acceleration, jerk.
     pub(crate) fn now(&self) -> (ScalarState, f64) {
         match &self.drive {
             ActiveMotion::Still => {
@@ -113,7 +116,7 @@ impl Cursor {
         }
     }
 
-    /// Programmed path travelled, by the path parameter.
+    /// Distance along the programmed path, in the path parameter.
     pub(crate) fn path(&self) -> f64 {
         match &self.drive {
             ActiveMotion::Still => self.travelled,

@@ -38,12 +38,12 @@ pub(crate) struct DrivenPlace {
     pub(crate) joint: bool,
 }
 
-/// The newest part of the path that a program has driven, over its time in motion: a stop counts as one
+/// The newest part of the path that a program has driven, over its time in motion. A stop counts as one
 /// sample.
 ///
 /// The cycle adds each setpoint of the program. Only [`DrivenPath::new`] allocates (about 8 MB). The path is
-/// cleared by whatever retracing can neither repeat nor undo: an action, a changed output, a probing move, a
-/// thread, a process cycle. None of these therefore happened between any two of its positions.
+/// cleared by everything that retracing can neither repeat nor undo: an action, a changed output, a probing
+/// move, a thread, a process cycle. So none of these has happened between any two positions of the path.
 #[derive(Clone, Debug)]
 pub struct DrivenPath {
     samples: Box<[Sample]>,
@@ -249,7 +249,7 @@ fn between(left: &Sample, right: &Sample, time: f64) -> Jet {
     let s = (time - left.time as f64) / h;
     let (v0, v1) = (left.first * h, right.first * h);
     let (a0, a1) = (left.second * (0.5 * h * h), right.second * (0.5 * h * h));
-    // Of what a parabola through the left sample leaves at the right one.
+    // Differences at the right sample to the parabola through the left one.
     let d = right.position - left.position - v0 - a0;
     let e = v1 - v0 - a0 * 2.0;
     let f = (a1 - a0) * 2.0;

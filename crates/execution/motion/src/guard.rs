@@ -1,21 +1,21 @@
-//! The last check before a setpoint leaves.
+//! The last check of a setpoint before it is published.
 //!
-//! The guard knows nothing of plans: it differentiates the positions that were published and compares with
-//! the limits of the axes. What it measures is also what the run's summary reports.
+//! The guard does not know the plan: it differentiates the published positions and compares the results with
+//! the limits of the axes. The summary of a run reports what it has measured.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, AxisLetter};
 
-/// By how much a measured velocity or acceleration may exceed its limit, as a factor.
+/// Factor by which a measured velocity or acceleration may exceed its limit.
 pub(crate) const SLACK: f64 = 1.001;
 /// The same for jerk, which is read from third differences.
 const JERK_SLACK: f64 = 1.02;
-/// Rounding of positions, mm or degrees, that the check of travel forgives.
+/// Tolerance of the travel check for rounding of positions, mm or degrees.
 pub(crate) const TRAVEL_SLACK: f64 = 1e-6;
 /// Cycles after a joint of exact-path mode in which its step shows in second and third differences.
 const JOINT_CYCLES: u32 = 3;
 
-/// Which limit a setpoint would break.
+/// The limit that a setpoint would violate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// Not a finite number.
@@ -30,22 +30,22 @@ pub enum Quantity {
     Jerk,
 }
 
-/// A setpoint that must not leave.
+/// A setpoint that must not be published.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("axis {}: {quantity:?} would be {value:.6e}, its limit is {limit:.6e}", axis.letter())]
 pub struct Violation {
     /// The axis.
     pub axis: AxisLetter,
-    /// What is broken.
+    /// The limit that is violated.
     pub quantity: Quantity,
-    /// By this value.
+    /// The value.
     pub value: f64,
-    /// Against this limit.
+    /// The limit.
     pub limit: f64,
 }
 
-/// Largest magnitudes seen in published positions, less what rounding can make of a difference: far from zero
-/// and at a high rate that alone exceeds a limit of jerk.
+/// Maximum magnitudes measured in published positions, minus the possible rounding of a difference: far from
+/// zero and at a high rate the rounding alone exceeds a jerk limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extremes {
     /// First difference over the period, per s.
@@ -72,7 +72,7 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// At rest at `position`.
+    /// A guard at rest at `position`.
     #[must_use]
     pub fn new(limits: Limits, period_s: f64, position: Axes) -> Self {
         let none = Axes::zeros();
@@ -92,7 +92,7 @@ impl Guard {
         }
     }
 
-    /// At rest at `position`, with what was measured before.
+    /// A guard at rest at `position`, with the extremes measured before.
     pub(crate) fn resting(limits: Limits, period_s: f64, position: Axes, extremes: Extremes) -> Self {
         Self {
             extremes,
@@ -112,8 +112,8 @@ impl Guard {
         &self.past
     }
 
-    /// Velocity and acceleration that continue the published positions, whatever the plan says of them: those
-    /// of the parabola through the last three. None near a joint of exact-path mode, whose step they contain.
+    /// Velocity and acceleration that continue the published positions, independently of the plan: those of
+    /// the parabola through the last three. `None` near a joint of exact-path mode, whose step they contain.
     /// Real-time safe.
     pub(crate) fn measured(&self) -> Option<(Axes, Axes)> {
         if self.since_joint < JOINT_CYCLES {
@@ -125,11 +125,11 @@ impl Guard {
         Some(((d1 + (d1 - d2) * 0.5) * f, (d1 - d2) * (f * f)))
     }
 
-    /// Checks a position against every limit. While `braking` after a fault the speed may still be above its
-    /// limit: only acceleration and jerk, and so time, bring it down. Real-time safe.
+    /// Checks a position against every limit. While `braking` after a fault the speed may still exceed its
+    /// limit, because it takes time to reduce it within acceleration and jerk. Real-time safe.
     ///
     /// # Errors
-    /// The first limit that it would break.
+    /// The first limit that the position would violate.
     pub fn check(&self, position: &Axes, joint: bool, braking: bool) -> Result<(), Violation> {
         self.check_place(position)?;
         let (velocity, acceleration, jerk) = self.differences(position);
@@ -168,20 +168,20 @@ impl Guard {
         Ok(())
     }
 
-    /// What rounding of doubles can make of the difference of this order between positions.
+    /// The possible rounding of the difference of this order between positions.
     fn noise(&self, position: f64, order: i32) -> f64 {
         16.0 * f64::EPSILON * position.abs().max(1.0) * self.rate_hz.powi(order)
     }
 
-    /// Checks only that a position is a number within the travel. Real-time safe.
+    /// Checks only that a position is finite and within the travel. Real-time safe.
     ///
     /// # Errors
-    /// The first axis that is not.
+    /// The first axis that fails.
     pub fn check_place(&self, position: &Axes) -> Result<(), Violation> {
         (0..AXES).try_for_each(|i| self.check_axis(i, position[i]))
     }
 
-    /// The same of one axis. Real-time safe.
+    /// The same check for one axis. Real-time safe.
     pub(crate) fn check_axis(&self, i: usize, value: f64) -> Result<(), Violation> {
         let violation = |quantity, limit| Violation {
             axis: AxisLetter::ALL[i],
@@ -202,7 +202,7 @@ impl Guard {
         Ok(())
     }
 
-    /// Notes a position as published. Real-time safe.
+    /// Records a position as published. Real-time safe.
     pub fn publish(&mut self, position: &Axes, joint: bool) {
         let differences = self.differences(position);
         let [first, second, third] =
@@ -240,8 +240,8 @@ impl Guard {
     }
 }
 
-/// Height of the arc through three XYZ points over the chord of two neighbours, for points close together:
-/// an eighth of the second difference across the chord.
+/// Height of the arc through three XYZ points over the chord of two neighbouring points, for points close
+/// together: an eighth of the component of the second difference across the chord.
 fn sagitta(p0: &Axes, p1: &Axes, p2: &Axes) -> f64 {
     let (mut along, mut dd, mut chord) = (0.0, 0.0, 0.0);
     for i in 0..3 {
@@ -260,7 +260,7 @@ fn sagitta(p0: &Axes, p1: &Axes, p2: &Axes) -> f64 {
 mod tests {
     use super::*;
 
-    /// A rotary axis after a hundred turns, at a constant speed: all that shows of its jerk is rounding.
+    /// A rotary axis at constant speed after a hundred turns: its measured jerk is rounding only.
     #[test]
     fn rounding_far_from_zero_is_no_jerk() {
         let none = Axes::zeros();
@@ -283,7 +283,7 @@ mod tests {
             })
         };
         let mut guard = Guard::new(limits, 1.0 / 35_000.0, at(0));
-        // The first differences are those of a begin at once.
+        // The first differences are those of an instantaneous start.
         guard.past = [at(2), at(1), at(0)];
         for cycle in 3..10_000 {
             guard.check(&at(cycle), false, false).expect("within the limits");

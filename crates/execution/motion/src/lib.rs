@@ -46,30 +46,30 @@
 //! }
 //! assert_eq!((last.position, last.velocity), (end, Axes::zeros()));
 //! ```
-//! A time-optimal plan is only evaluated. For a hold, a stop or a lower override the step slows it down by
-//! itself, beginning with the setpoint that the input comes with, and needs no planner for that. For a higher
-//! override, and to go on at full speed after a lower one, it requests another plan, from the position where
-//! it will be 10 ms later. The runs of a classic plan are solved here in closed form.
+//! A time-optimal plan is only evaluated. For a hold, a stop or a lower override the step itself slows the
+//! plan down, starting with the setpoint in which the input arrives, without the planner. For a higher
+//! override, and to return to full speed after a lower one, it requests another plan from the position that
+//! it will reach 10 ms later. The runs of a classic plan are solved here in closed form.
 //!
 //! Jog and homing have no path: a [`TransferExecutor`] drives a transfer that was solved before. A
-//! [`MachineState`] carries sequence numbers and the guard's memory from job to job.
+//! [`MachineState`] carries sequence numbers and the memory of the guard from job to job.
 //!
 //! An [`Excursion`] moves the axes away from a held program, by jogs or backwards along the [`DrivenPath`],
 //! and back. The program continues as without it.
 //!
-//! Where the plan says so, a [`Probing`] move takes over at rest, stops where the probe in the inputs trips,
-//! and hands its result back; the plan goes on where the axes stand then.
+//! At a probing step of the plan, a [`Probing`] move takes over at rest, stops when the probe in the inputs
+//! trips, and returns its result. The plan continues from the position of the axes.
 //!
-//! Where the plan says so, a pass of [`Threading`] takes over at rest and follows the angle of the spindle in
-//! the inputs.
+//! At a threading step of the plan, a pass of [`Threading`] takes over at rest and follows the angle of the
+//! spindle in the inputs.
 //!
-//! Where the plan says so, a [`ProcessCycle`] takes over at rest, finds its motion from the cutting load in
-//! the inputs, and ends where it began; its setpoints pass the same guard. Which processes there are is not
-//! known here.
+//! At a turning step of the plan, a [`ProcessCycle`] takes over at rest, determines its motion from the
+//! cutting load in the inputs, and ends where it began. Its setpoints pass the same guard. This crate does
+//! not know the processes.
 //!
-//! Whatever happens to the planner, the queue ends at rest on the path. Should a plan be wrong, the guard
-//! refuses the setpoint, the machine brakes on the path, and if that breaks a limit as well, each axis stops
-//! by itself.
+//! Whatever happens to the planner, the plan in the queue ends at rest on the path. If a plan is wrong, the
+//! guard rejects the setpoint and the machine brakes on the path. If that violates a limit as well, each axis
+//! stops on its own.
 
 mod advance;
 mod cursor;

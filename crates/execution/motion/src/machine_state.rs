@@ -1,4 +1,4 @@
-//! What goes on from job to job.
+//! The state of the machine across jobs.
 
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
@@ -11,12 +11,12 @@ use crate::setpoint::Setpoint;
 use crate::state::State;
 use crate::transfer_executor::{TransferExecutor, fits};
 
-/// The machine between and across its jobs: the number of the next setpoint, the guard's memory, where the
-/// axes are.
+/// The machine across its jobs and between them: the number of the next setpoint, the memory of the guard,
+/// the position of the axes.
 ///
 /// A job is a [`PathExecutor`] along a plan, or a [`TransferExecutor`]. It begins at rest where the last one
-/// ended, so that setpoints and what the guard measures go on without a jump. At rest a setpoint is made
-/// every period too. `Copy`; nothing here allocates.
+/// ended, so that the setpoints and the measurements of the guard continue without a jump. At rest there is
+/// also one setpoint per period. `Copy`; no method allocates.
 #[derive(Clone, Copy, Debug)]
 pub struct MachineState {
     limits: Limits,
@@ -30,12 +30,12 @@ pub struct MachineState {
     path_mm: f64,
     feed_override: f64,
     fault: Option<Violation>,
-    /// Every axis stops by itself.
+    /// Every axis stops on its own.
     quick_stop: Option<QuickStop>,
 }
 
 impl MachineState {
-    /// At rest at `position`.
+    /// The state at rest at `position`.
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64, position: Axes) -> Self {
         let period = period_ns as f64 * 1e-9;
@@ -87,19 +87,19 @@ impl MachineState {
         self.fault.take()
     }
 
-    /// Whether axes are stopping by themselves.
+    /// Whether axes are stopping on their own.
     #[must_use]
     pub fn is_quick_stopping(&self) -> bool {
         self.quick_stop.is_some()
     }
 
-    /// Sets the override that setpoints show.
+    /// Sets the override that setpoints report.
     pub fn set_override(&mut self, factor: f64) {
         self.feed_override = factor;
     }
 
-    /// At rest: the same place has new coordinates, or the machine was moved without power. What the guard
-    /// remembers begins again there.
+    /// Sets the position at rest: the same position has new coordinates, or the machine was moved without
+    /// power. The memory of the guard starts again there.
     pub fn relocate(&mut self, limits: Limits, position: Axes) {
         let extremes = *self.guard.extremes();
         self.limits = limits;
@@ -107,8 +107,8 @@ impl MachineState {
         self.last = Jet::at_rest(position);
     }
 
-    /// At rest at `position`, the next setpoint being number `sequence`, `path_mm` into the last job: for
-    /// going through what was recorded of a machine from a place in the middle on.
+    /// Sets the state at rest at `position`, with `sequence` the number of the next setpoint and `path_mm`
+    /// the path of the last job, to recompute a recording from a point in the middle.
     pub fn place_at(&mut self, limits: Limits, sequence: u64, position: Axes, path_mm: f64) {
         self.relocate(limits, position);
         self.quick_stop = None;
@@ -116,7 +116,7 @@ impl MachineState {
         (self.sequence, self.path_mm) = (sequence, path_mm);
     }
 
-    /// One setpoint at rest, or of axes that are stopping by themselves.
+    /// One setpoint at rest, or of axes that are stopping on their own.
     pub fn rest(&mut self, state: State) -> Setpoint {
         if let Some(stop) = &mut self.quick_stop {
             let (jet, stands) = stop.advance_within(&self.guard, self.period);
@@ -130,8 +130,7 @@ impl MachineState {
         self.publish(jet, state, 0)
     }
 
-    /// Lets a job along a plan begin here, at rest. `false`, and nothing is changed, where it begins
-    /// elsewhere.
+    /// Starts a job along a plan here, at rest. Returns `false` without effect if it begins elsewhere.
     pub fn attach(&self, motion: &mut PathExecutor) -> bool {
         let here = self.last.position;
         let there = motion.last.position;
@@ -142,7 +141,7 @@ impl MachineState {
         near && self.is_at_rest()
     }
 
-    /// Takes over what a job along a plan has come to, after each of its setpoints.
+    /// Takes over the state of a job along a plan after each of its setpoints.
     pub fn follow(&mut self, motion: &PathExecutor, setpoint: &Setpoint) {
         self.guard = *motion.guard();
         self.sequence = setpoint.sequence + 1;
@@ -152,24 +151,25 @@ impl MachineState {
         self.fault = self.fault.or(motion.fault());
     }
 
-    /// A job has ended where the axes are at rest.
+    /// Ends a job, where the axes are at rest.
     pub fn end(&mut self) {
         self.last = Jet::at_rest(self.guard.past()[0]);
         self.line = 0;
     }
 
-    /// Whether a transfer begins where the axes are. Asked before it is taken up.
+    /// Whether a transfer begins at the present state of the axes. To be checked before it is driven.
     #[must_use]
     pub fn can_steer(&self, steering: &TransferExecutor) -> bool {
         self.quick_stop.is_none() && fits(steering.transfer(), &self.last, &self.limits)
     }
 
-    /// Changes to another transfer in motion, if that begins where the axes are in the last setpoint.
+    /// Replaces a transfer in motion by another one that begins at the state of the last setpoint. Returns
+    /// whether it does.
     pub fn turn(&self, steering: &mut TransferExecutor, to: &TransferExecutor) -> bool {
         steering.turn_to(to.transfer(), &self.last, &self.limits)
     }
 
-    /// One setpoint of a steered motion.
+    /// One setpoint of a transfer.
     pub fn steer(&mut self, steering: &mut TransferExecutor) -> Setpoint {
         let (jet, state) = steering.advance(self.period, &self.last, &self.limits);
         if let Err(violation) = self.guard.check(&jet.position, false, steering.is_stopping()) {
@@ -190,12 +190,12 @@ impl MachineState {
         self.publish_near(jet, State::Running, 0, joint)
     }
 
-    /// At rest, next to `position`: the next setpoint is exactly there.
+    /// Sets the position at rest to `position`, which is close: the next setpoint is exactly there.
     pub(crate) fn rest_at(&mut self, position: Axes) {
         self.last = Jet::at_rest(position);
     }
 
-    /// Every axis stops by itself, as fast as its acceleration and jerk allow. What moved the axes is over.
+    /// Stops every axis on its own, as fast as its acceleration and jerk permit. The present motion is over.
     pub fn emergency(&mut self) {
         if self.quick_stop.is_none() && !self.is_at_rest() {
             let from = self.guard.past()[0];
@@ -213,9 +213,9 @@ impl MachineState {
         self.publish_near(jet, state, bits, false)
     }
 
-    /// `joint`: within a step of exact-path mode.
+    /// `joint`: near a step of exact-path mode.
     fn publish_near(&mut self, mut jet: Jet, state: State, bits: u32, joint: bool) -> Setpoint {
-        // The travel is the last line; standing still is all that is left beyond it.
+        // The travel is the last limit: beyond it the only action left is to stand still.
         let mut bits = if joint { bits | flags::JOINT } else { bits };
         if self.guard.check_place(&jet.position).is_err() {
             jet = Jet::at_rest(self.guard.past()[0]);

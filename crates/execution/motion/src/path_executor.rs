@@ -20,13 +20,13 @@ use crate::slowdown::{Lead, Slowdown};
 use crate::state::State;
 use crate::threading::Threading;
 
-/// The least feed override that a plan is made for.
+/// Minimum feed override for which a plan is made.
 const MIN_OVERRIDE: f64 = 0.001;
 
 /// Motion of one machine along one plan.
 ///
-/// `step` is pure: it looks at no clock and touches nothing but itself and the queue. It does not allocate,
-/// lock or wait, and its work is bounded.
+/// `step` is pure: it reads no clock and changes only itself and the queue. It does not allocate, lock or
+/// wait, and its work is bounded.
 #[derive(Debug)]
 pub struct PathExecutor {
     pub(crate) period: f64,
@@ -38,17 +38,17 @@ pub struct PathExecutor {
     pub(crate) stop: bool,
     pub(crate) resume_seen: bool,
     pub(crate) fault: Option<Violation>,
-    /// Set where even braking on the path breaks a limit: every axis stops by itself.
+    /// Set if even braking on the path violates a limit: every axis stops on its own.
     pub(crate) quick_stop: Option<QuickStop>,
     pub(crate) last: Jet,
     pub(crate) is_rapid: bool,
     pub(crate) asking: ReplanState,
-    /// What a slowdown looks at.
+    /// The plan ahead, for a slowdown.
     pub(crate) preview: PlanPreview,
-    /// The plan step in front of which the axes rest and for which another plan may be requested, as the last
-    /// step found it.
+    /// The plan step before which the axes are at rest and for which another plan may be requested, as the
+    /// last step found it.
     pub(crate) rest_step: Option<Step>,
-    /// What the last step met of the planner.
+    /// The lag of the planner in the last step.
     pub(crate) lag: PlannerLag,
     /// A process cycle that moves the axes, or that has ended the run.
     pub(crate) process: ProcessSlot,
@@ -59,7 +59,7 @@ pub struct PathExecutor {
 }
 
 impl PathExecutor {
-    /// At rest at `position`, the first setpoint still to come; the plan is made for 100 % feed.
+    /// An executor at rest at `position` that has computed no setpoint; the plan is made for 100 % feed.
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64, position: Axes) -> Self {
         let period = period_ns as f64 * 1e-9;
@@ -86,7 +86,7 @@ impl PathExecutor {
         }
     }
 
-    /// Says which feed override the plan is made for at first.
+    /// Sets the feed override for which the first plan is made.
     #[must_use]
     pub fn planned_for(mut self, feed_override: f64) -> Self {
         self.feed_override = checked_override(feed_override);
@@ -94,7 +94,7 @@ impl PathExecutor {
         self
     }
 
-    /// Goes on where another job has left the machine.
+    /// Continues from the state in which another job has left the machine.
     pub(crate) fn begin_at(&mut self, guard: Guard, sequence: u64, actions: u32, block: u32) {
         self.guard = guard;
         self.sequence = sequence;
@@ -106,12 +106,12 @@ impl PathExecutor {
         &self.guard
     }
 
-    /// Continues at rest, with what the guard has seen meanwhile.
+    /// Continues at rest, with the memory of `guard`.
     pub(crate) fn rejoin(&mut self, guard: &Guard) {
         self.guard = *guard;
     }
 
-    /// Whether the axes may leave the position at which the program is held, to return to it: the program is
+    /// Whether the axes may leave the position at which the program is held, and return to it: the program is
     /// held or at a program stop, and no probing move, thread or process cycle moves the axes.
     #[must_use]
     pub fn can_be_left(&self) -> bool {
@@ -137,19 +137,19 @@ impl PathExecutor {
         self.guard.extremes()
     }
 
-    /// The limit that the plan would have broken, if it came to that.
+    /// The limit that the plan would have violated, if any.
     #[must_use]
     pub fn fault(&self) -> Option<Violation> {
         self.fault
     }
 
-    /// What the cycle is doing.
+    /// The state of the cycle.
     #[must_use]
     pub fn state(&self) -> State {
         self.cursor.state
     }
 
-    /// Whether the axes are at rest at a place where the plan may be waited for.
+    /// Whether the axes are at rest at a position where the cycle may wait for the plan.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let state = self.cursor.now().0;
@@ -162,9 +162,9 @@ impl PathExecutor {
         self.quick_stop.is_none() && plan_rests && self.process.is_at_rest() && !probes && !threads
     }
 
-    /// The feed that the axes are driven at after the last step, as a factor of the programmed one: less than
-    /// the override where corners or an axis slow the machine down, and 0 at rest and in rapids. None where a
-    /// near-optimal plan drives, which keeps no programmed feed.
+    /// The feed after the last step, as a factor of the programmed one: below the override where corners or
+    /// an axis slow the machine down, and 0 at rest and in rapids. `None` along a time-optimal plan, which
+    /// does not store the programmed feed.
     #[must_use]
     pub fn feed_factor(&self) -> Option<f64> {
         match &self.cursor.drive {
@@ -174,7 +174,8 @@ impl PathExecutor {
         }
     }
 
-    /// Whether the last setpoint was of a rapid or, at rest, the next move is one as far as it is known.
+    /// Whether the last setpoint belongs to a rapid or, at rest, whether the next move is one, as far as it
+    /// is known.
     #[must_use]
     pub const fn is_rapid(&self) -> bool {
         self.is_rapid
@@ -186,14 +187,14 @@ impl PathExecutor {
         self.sequence
     }
 
-    /// What the last step met of the planner. In real time this depends on how fast the planner was, so it is
+    /// The lag of the planner in the last step. In real time it depends on the speed of the planner, so it is
     /// recorded like an input.
     #[must_use]
     pub fn planner_lag(&self) -> PlannerLag {
         self.lag
     }
 
-    /// Whether nothing will move any more.
+    /// Whether the motion is over for good.
     #[must_use]
     pub fn is_over(&self) -> bool {
         match self.cursor.state {
@@ -211,7 +212,7 @@ impl PathExecutor {
         self.step_with(inputs, queue, PlannerLag::default())
     }
 
-    /// The same where the planner is taken to be as late as it was, or to have refused, although it is not.
+    /// The same step with the recorded lag of the planner, although the planner is not late now.
     pub(crate) fn step_with(
         &mut self,
         inputs: &Inputs,
@@ -284,8 +285,8 @@ impl PathExecutor {
         self.guard.publish(&jet.position, cursor.joint);
         let marks = segment.map(|segment| segment.marks).unwrap_or_default();
         self.is_rapid = segment.is_some_and(|segment| cursor.is_rapid(segment, queue));
-        // At rest the front segment is that of the next move, and whether it is known yet is a matter of the
-        // planner's speed.
+        // At rest the front segment belongs to the next move, and whether it is known yet depends on the
+        // speed of the planner.
         let moves = !cursor.is_still();
         let mut bits = 0;
         for (set, bit) in [
@@ -300,7 +301,7 @@ impl PathExecutor {
                 bits |= bit;
             }
         }
-        // Not of the step that is waited for.
+        // Not for the step that is waited for.
         if let (Some(segment), ActiveMotion::Run(_)) = (segment, &cursor.drive) {
             (cursor.line, cursor.block) = (segment.line, segment.block);
         }
@@ -314,11 +315,10 @@ impl PathExecutor {
         self.setpoint(jet, path_mm, bits)
     }
 
-    /// Begins to slow the plan down, or changes what it is slowed down to, as hold, stop, fault and override
-    /// ask for it.
+    /// Starts a slowdown or changes its target, as hold, stop, fault and override require.
     ///
     /// A slowdown to a part of the speed ends when a plan for the override takes over. The override does not
-    /// scale rapids: where one is driven, the request alone is made.
+    /// scale rapids: during a rapid only the request is made.
     fn slow_down(&mut self, cursor: &mut Cursor, inputs: &Inputs, queue: &mut PlanConsumer) {
         let ActiveMotion::TimedSegment { flow, time } = cursor.drive else {
             return;
@@ -339,7 +339,7 @@ impl PathExecutor {
                 }
                 match slowdown.steady_rate() {
                     None => self.asking.withdraw(self.sequence, queue),
-                    // Back at the plan's own speed.
+                    // The rate is back at 1.
                     Some(rate) if rate >= 1.0 => cursor.slowdown = None,
                     Some(_) => {}
                 }
@@ -384,8 +384,8 @@ impl PathExecutor {
         }
     }
 
-    /// Every axis stops by itself from the motion that was published: the path is left. The plan is not to be
-    /// trusted, nor are its derivatives.
+    /// Every axis stops on its own from the published motion and leaves the path. Neither the plan nor its
+    /// derivatives can be trusted.
     pub(crate) fn start_quick_stop(&mut self) {
         let from = self.guard.past()[0];
         let mut last = self.last;
@@ -402,7 +402,7 @@ impl PathExecutor {
             None => self.last,
         };
         self.guard.publish(&jet.position, false);
-        // Where an emergency stop begins, if it comes now.
+        // An emergency stop that comes now begins here.
         self.last = jet;
         let mut bits = flags::GUARD;
         if self.is_over() {
@@ -414,7 +414,7 @@ impl PathExecutor {
 }
 
 fn checked_override(factor: f64) -> f64 {
-    // Not a number fails the comparison.
+    // NaN fails the comparison.
     if factor >= MIN_OVERRIDE {
         factor.min(2.0)
     } else {

@@ -1,20 +1,20 @@
-//! Samples of the plan ahead, by its own time.
+//! Samples of the plan ahead, by plan time.
 //!
-//! Slowing down acts on the time of a plan, so what it needs to know of the plan are the derivatives of every
-//! axis by plan time. They are sampled where the law changes and at most [`SPACING_S`] apart, once each, and
-//! only as far ahead as somebody looks: a sample costs one evaluation of the path.
+//! A slowdown acts on the time of a plan, so all it needs are the derivatives of every axis by plan time.
+//! They are sampled where the time law changes and at most [`SPACING_S`] apart, once each, and only as far
+//! ahead as requested: a sample costs one evaluation of the path.
 
 use evolvent_path::{AXES, Axes};
 use evolvent_planner::{Step, TimedSegment};
 
 use crate::queue::PlanConsumer;
 
-/// Largest distance of two samples, s of plan time. Tuned: with 0.25 ms holds are as short and keep the
-/// limits as well.
+/// Maximum distance of two samples, s of plan time. Tuned: 0.25 ms gives no shorter holds and keeps the
+/// limits no better.
 const SPACING_S: f64 = 0.0005;
-/// Samples that are held at a time. A power of two.
+/// Maximum number of stored samples. A power of two.
 const CAPACITY: usize = 2048;
-/// How far ahead the plan is looked at, s of plan time: several times what an axis takes from its largest
+/// Maximum plan time of the preview, s: several times the time in which an axis changes from its maximum
 /// acceleration in one direction to that in the other.
 pub(crate) const LONGEST_PREVIEW_S: f64 = 0.4;
 
@@ -28,27 +28,27 @@ pub(crate) struct Sample {
     pub(crate) third: Axes,
 }
 
-/// The piece that is sampled next, and how far it has been.
+/// The piece that is sampled next, and the position in it.
 #[derive(Clone, Copy, Debug)]
 struct Frontier {
     step: u64,
     flow: TimedSegment,
-    /// Plan time at which the piece starts; negative where the preview begins inside it.
+    /// Plan time at which the piece starts; negative if the preview begins inside it.
     starts: f64,
     /// Time in the piece of the last sample, and the distance to the next one.
     at: f64,
     spacing: f64,
 }
 
-/// The samples. Real-time safe but for [`PlanPreview::new`], which allocates.
+/// The samples. Real-time safe except for [`PlanPreview::new`], which allocates.
 #[derive(Debug)]
 pub(crate) struct PlanPreview {
     samples: Box<[Sample]>,
-    /// Indices of the oldest sample held and of the next one, counted from the beginning of the preview.
+    /// Indices of the oldest stored sample and of the next one, counted from the start of the preview.
     oldest: usize,
     next: usize,
     frontier: Option<Frontier>,
-    /// Plan time at which the plan rests, once that has been met.
+    /// Plan time at which the plan rests, once the preview has reached it.
     rests_at: Option<f64>,
 }
 
@@ -83,17 +83,17 @@ impl PlanPreview {
         });
     }
 
-    /// Plan time at which the plan rests, as far as that is known by now.
+    /// Plan time at which the plan rests, as far as it is known.
     pub(crate) fn rests_at(&self) -> Option<f64> {
         self.rests_at
     }
 
-    /// Index of the oldest sample that is held.
+    /// Index of the oldest stored sample.
     pub(crate) fn oldest(&self) -> usize {
         self.oldest
     }
 
-    /// Lets go of samples that lie before plan time `time`, but for the last of them.
+    /// Drops samples before plan time `time`, except the last of them.
     pub(crate) fn release(&mut self, time: f64) {
         while self.oldest + 1 < self.next && self.held(self.oldest + 1).time <= time {
             self.oldest += 1;
@@ -104,7 +104,7 @@ impl PlanPreview {
         &self.samples[index % CAPACITY]
     }
 
-    /// Sample number `index`; none after the plan's end, and where that is farther ahead than is looked.
+    /// Sample number `index`; `None` after the end of the plan and beyond the range of the preview.
     pub(crate) fn sample(&mut self, index: usize, queue: &mut PlanConsumer) -> Option<&Sample> {
         while index >= self.next {
             self.extend(queue)?;
@@ -112,7 +112,7 @@ impl PlanPreview {
         (index >= self.oldest).then(|| self.held(index))
     }
 
-    /// Takes one more sample.
+    /// Adds one sample.
     fn extend(&mut self, queue: &mut PlanConsumer) -> Option<()> {
         let mut frontier = self.frontier?;
         let first = self.next == 0;
@@ -122,7 +122,7 @@ impl PlanPreview {
         let duration = frontier.flow.piece.duration_s;
         if !first && frontier.at >= duration {
             let ends = frontier.starts + duration;
-            // What follows a rest is not looked at: a plan that is slowed down stays there.
+            // The preview ends at a rest: a slowdown of the plan stays there.
             if frontier.flow.rests_at_end() {
                 self.rests_at = Some(ends);
                 self.frontier = None;
@@ -146,7 +146,7 @@ impl PlanPreview {
                 return None;
             }
             let next = frontier.at + frontier.spacing;
-            // Rounding leaves no sliver at the end.
+            // Avoids a tiny interval at the end that rounding would leave.
             frontier.at = if next > duration - 0.5 * frontier.spacing {
                 duration
             } else {

@@ -1,6 +1,7 @@
 //! Probing: a straight move that ends where the probe trips, between two steps of a plan.
 //!
-//! The plan stands still meanwhile, and is not read on before: it goes on where the axes have stopped.
+//! Meanwhile the plan does not advance, and the program is not read on: the plan continues where the axes
+//! have stopped.
 
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Curve, Jet};
@@ -11,13 +12,13 @@ use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
 use crate::setpoint::{Inputs, Setpoint};
 
-/// Rest before the move, s, beside the lead: the position of an earlier contact has come by then, and is not
-/// taken for one of this move. Drives settle in less.
+/// Rest before the move, s, in addition to the lead. By then the position of an earlier contact has arrived
+/// and is not attributed to this move. Drives settle in less time.
 const SETTLE_S: f64 = 0.03;
-/// Rest at the end of a move without contact, s, beside the lead: axes follow late, and a contact is reported
-/// late.
+/// Rest at the end of a move without contact, s, in addition to the lead: axes lag behind, and a contact is
+/// reported late.
 const LINGER_S: f64 = 0.03;
-/// How long the position of a contact may take to come, s.
+/// Maximum time until the position of a contact arrives, s.
 const POSITION_TIMEOUT_S: f64 = 0.5;
 /// Fraction of acceleration and jerk that is used: third differences of doubles are noisy.
 const USED_FRACTION: f64 = 0.99;
@@ -25,11 +26,11 @@ const USED_FRACTION: f64 = 0.99;
 /// A probing move as programmed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeMove {
-    /// Where it goes at most: a straight line.
+    /// The longest path: a straight line.
     pub curve: Curve,
-    /// Speed along it, mm/s (degrees/s where only rotary axes move).
+    /// Speed along it, mm/s (degrees/s if only rotary axes move).
     pub feed_mm_s: f64,
-    /// Until contact is made; otherwise until it is lost.
+    /// Whether the move ends when contact is made; otherwise when it is lost.
     pub toward: bool,
 }
 
@@ -50,8 +51,8 @@ impl ProbeMove {
         }
     }
 
-    /// How far the axes go on at most after the cycle has seen the contact, mm. It is less near the end of
-    /// the move.
+    /// Maximum distance that the axes travel after the cycle has seen the contact, mm. It is less near the
+    /// end of the move.
     #[must_use]
     pub fn stopping_distance(&self, limits: &Limits) -> f64 {
         let limits = self.limits(limits);
@@ -69,28 +70,28 @@ impl ProbeMove {
 pub enum ProbeVerdict {
     /// The probe has changed as requested.
     Contact,
-    /// It has not up to the end.
+    /// The probe has not changed up to the end.
     NoContact,
-    /// It had changed before the move, which was not begun.
+    /// The probe had changed before the move, which was not started.
     ChangedBefore,
     /// The probe is no longer reported: the axes have stopped.
     Lost,
-    /// The probe was not reported before the move, which was not begun.
+    /// The probe was not reported before the move, which was not started.
     Unknown,
     /// The position of the contact was not reported in time.
     NoPosition,
-    /// Time is not real and no contact is known: the axes are at the end of the move.
+    /// With the virtual clock no contact is known: the axes are at the end of the move.
     Imagined,
 }
 
-/// What came of a probing move.
+/// The result of a probing move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeResult {
-    /// How it has ended.
+    /// How the move has ended.
     pub verdict: ProbeVerdict,
-    /// Where the contact was, machine coordinates (mm, degrees); without contact where the axes stand.
+    /// Position of the contact, machine coordinates (mm, degrees); without contact, the position of the axes.
     pub position: Axes,
-    /// Where the axes stand.
+    /// Final position of the axes.
     pub stands_at: Axes,
 }
 
@@ -106,7 +107,7 @@ enum Phase {
     Over,
 }
 
-/// What the profile in force was solved for.
+/// The goal for which the profile in force was solved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Wanted {
     Rest,
@@ -126,14 +127,14 @@ pub struct Probing {
     time: f64,
     wanted: Wanted,
     verdict: Option<ProbeVerdict>,
-    /// Changes of the probe before the move.
+    /// Number of changes of the probe before the move.
     changes_before: u32,
     contact: Option<Axes>,
     result: Option<ProbeResult>,
 }
 
 impl Probing {
-    /// A move from rest. `lead_s`: from the computing of a setpoint until it is due.
+    /// A move from rest. `lead_s` is the time from the computation of a setpoint until it is due.
     #[must_use]
     pub fn new(order: ProbeMove, limits: &Limits, lead_s: f64) -> Self {
         Self {
@@ -151,7 +152,7 @@ impl Probing {
         }
     }
 
-    /// What came of it, once it is over.
+    /// The result, once the move is over.
     #[must_use]
     pub fn result(&self) -> Option<ProbeResult> {
         self.result
@@ -173,7 +174,7 @@ impl Probing {
             .position
     }
 
-    /// Looks at the probe: a change counts however short it was.
+    /// Processes the probe: a change counts however short it was.
     fn look(&mut self, probe: &ProbeInput) {
         let has_changed = if self.order.toward {
             probe.was_tripped
@@ -191,7 +192,7 @@ impl Probing {
             }
             _ => {}
         }
-        // The first position after the start of the move: those of a bounce come after it.
+        // The first position after the start of the move; positions of a bounce come later.
         if self.verdict == Some(ProbeVerdict::Contact)
             && self.contact.is_none()
             && probe.now.changes != self.changes_before
@@ -200,7 +201,7 @@ impl Probing {
         }
     }
 
-    /// Whether the move may begin; otherwise why not.
+    /// The reason why the move may not start, if any.
     fn objection(&self, probe: &ProbeInput) -> Option<ProbeVerdict> {
         match (probe.now.state, self.order.toward) {
             (ProbeState::Unknown, _) => Some(ProbeVerdict::Unknown),
@@ -228,7 +229,7 @@ impl Probing {
         (self.wanted, self.time) = (wanted, 0.0);
     }
 
-    /// One period: `brake` for a hold or stop, `factor` of the feed.
+    /// One period. `brake` for a hold or stop; `factor` scales the feed.
     fn advance(&mut self, probe: &ProbeInput, brake: bool, factor: f64, period: f64) -> Jet {
         self.look(probe);
         match self.phase {
@@ -265,7 +266,7 @@ impl Probing {
                 self.phase = match self.verdict {
                     Some(ProbeVerdict::Contact) => Phase::Awaiting(POSITION_TIMEOUT_S),
                     Some(_) => Phase::Over,
-                    // Held or stopped on the way.
+                    // Held or stopped before the end.
                     None if self.wanted == Wanted::Rest => Phase::Moving,
                     None if is_imagined => {
                         self.verdict = Some(ProbeVerdict::Imagined);

@@ -1,6 +1,7 @@
-//! Motion that a process finds cycle by cycle, between two steps of a plan.
+//! Motion that a process determines cycle by cycle, between two steps of a plan.
 //!
-//! The plan does not advance meanwhile: the motion begins and ends at the position where the plan goes on.
+//! Meanwhile the plan does not advance: the motion begins and ends at the position at which the plan
+//! continues.
 
 use std::any::Any;
 use std::fmt::Debug;
@@ -13,10 +14,10 @@ use crate::queue::PlanConsumer;
 use crate::setpoint::{Inputs, Setpoint};
 use crate::state::State;
 
-/// What a process cycle goes by in one period.
+/// Inputs of a process cycle in one period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProcessInputs {
-    /// The newest reading of the cutting load, the same again where there is no newer one.
+    /// The newest reading of the cutting load, repeated if there is no newer one.
     pub load: Option<LoadSample>,
     /// Decelerate and stay at rest while this is set.
     pub hold: bool,
@@ -24,25 +25,25 @@ pub struct ProcessInputs {
     pub feed_override: f64,
 }
 
-/// What a process cycle has come to.
+/// The status of a process cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProcessStatus {
     /// It moves, or is held.
     Running,
-    /// At rest where it began, to the last bit: the plan goes on.
+    /// At rest exactly where it began: the plan continues.
     Done,
-    /// It has given up: the axes stop, and the run with them.
+    /// It has failed: the axes stop and the run ends.
     Failed,
 }
 
-/// Motion that a process finds: a turning cycle that takes its passes from the cutting load, for one.
+/// Motion that a process determines, for example a turning cycle that adapts its passes to the cutting load.
 ///
-/// It is built outside the cycle and handed over in a box by a [`ProcessSender`](crate::ProcessSender),
-/// before the plan's [`Step::Turning`](evolvent_planner::Step::Turning). Its methods are called by the
-/// real-time cycle: they do not allocate, lock or wait, and their work is bounded. The guard checks every
-/// position. As [`Any`], [`PathExecutor::process`] is read by the type that was handed over.
+/// It is built outside the cycle and passed in a box by a [`ProcessSender`](crate::ProcessSender), before the
+/// plan's [`Step::Turning`](evolvent_planner::Step::Turning). The real-time cycle calls its methods: they do
+/// not allocate, lock or wait, and their work is bounded. The guard checks every position. As [`Any`], the
+/// value of [`PathExecutor::process`] can be downcast to the type that was passed.
 pub trait ProcessCycle: Any + Debug + Send {
-    /// Position and derivatives one period later, and what the cycle has come to.
+    /// Position and derivatives one period later, and the status.
     fn step(&mut self, inputs: &ProcessInputs) -> (Jet, ProcessStatus);
 
     /// Whether nothing moves.
@@ -52,9 +53,9 @@ pub trait ProcessCycle: Any + Debug + Send {
 /// The process cycle of an executor, if any.
 #[derive(Debug, Default)]
 pub(crate) struct ProcessSlot {
-    /// It moves the axes, or has ended the run.
+    /// The process cycle that moves the axes or has ended the run.
     active: Option<Box<dyn ProcessCycle>>,
-    /// It was done in the last step, and is handed back in the next.
+    /// The process cycle that was done in the last step; the next step returns it.
     done: Option<Box<dyn ProcessCycle>>,
     has_moved: bool,
     has_failed: bool,
@@ -65,7 +66,7 @@ impl ProcessSlot {
         self.active = process;
     }
 
-    /// Before a step: what is over is handed back.
+    /// Returns a completed process cycle before a step.
     pub(crate) fn hand_back(&mut self, queue: &mut PlanConsumer) {
         self.has_moved = false;
         if let Some(done) = self.done.take() {

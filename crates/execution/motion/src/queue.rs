@@ -1,18 +1,18 @@
 //! The wait-free queue from the planner to the cycle, and the cycle's requests back.
 //!
-//! Segments, marks and steps go through rings; what changes of steps that are already queued stands in a
-//! table of atomics beside them.
+//! Segments, marks and steps pass through rings. Data of queued steps that can still change is in a table of
+//! atomics.
 //!
-//! A classic plan raises the exit speed of queued runs, from the last run backwards, so whatever the cycle
-//! reads, at whatever moment, can be brought to rest on the path.
+//! A classic plan raises the exit speeds of queued runs, starting from the last run, so whatever the cycle
+//! reads at any moment can be stopped on the path.
 //!
-//! A near-optimal plan is a chain of pieces of a time law. After the committed pieces lies a *tail* that ends
-//! at rest; the last committed step is *open*. When more has been planned, it is appended after the tail, and
-//! the open step is *linked* to it: the tail is skipped. A cycle that comes to the end of what is committed
-//! before that claims the link, drives the tail, and the planner's late link fails. Overrides come as a
-//! [`Request`] for a new plan from a place a few cycles ahead; the [`Reply`] names the step to go on with
-//! there. A cycle that cannot take a reply over says that it has withdrawn the request: then the planner
-//! drops that plan and goes on with the one that is driven.
+//! A time-optimal plan is a chain of timed segments. The committed segments are followed by a *tail* that
+//! ends at rest; the last committed step is *open*. A continuation of the plan is appended after the tail,
+//! and the open step is *linked* to it, which skips the tail. If the cycle reaches the end of the committed
+//! steps first, it claims the link and drives the tail, and the late link of the planner fails. For another
+//! override the cycle sends a [`Request`] for a new plan from a position a few cycles ahead; the [`Reply`]
+//! names the step at which it continues there. A cycle that cannot take over a reply withdraws the request:
+//! the planner then drops that plan and continues the one that is driven.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -27,35 +27,36 @@ use crate::process_cycle::ProcessCycle;
 use crate::takeover::{ProbingSender, ProcessSender, TakeoverReceiver, ThreadingSender, takeover_queue};
 use crate::threading::Threading;
 
-/// Steps that are final and waiting, beyond what the look-ahead needs for itself.
+/// Capacity for final steps, in addition to those that the look-ahead needs.
 const READY_STEPS: usize = 28_608;
-/// The same for segments: enough for [`STEPS_AHEAD`] runs of the most segments.
+/// The same for segments: enough for [`STEPS_AHEAD`] runs with the maximum number of segments.
 const READY_SEGMENTS: usize = 12_288;
-/// Starts of blocks.
+/// Capacity for block starts.
 const MARKS: usize = 1 << 17;
-/// Requests and replies; one at a time is open.
+/// Capacity for requests and replies; one request is open at a time.
 const REQUESTS: usize = 8;
 /// The virtual clock, and every start from rest, waits until this many runs are final (or the plan is
-/// complete), so that a cycle never enters a run that could still change.
+/// complete), so that a cycle never enters a run that can still change.
 pub const STEPS_AHEAD: u64 = 64;
-/// A link that the cycle has claimed: it goes on with the step after.
+/// A link that the cycle has claimed: it continues with the step after.
 const CLAIMED: u64 = u64::MAX;
-/// A link that the planner has left open: the step after begins a tail.
+/// A link that the planner has left open: a tail follows.
 const OPEN: u64 = u64::MAX - 1;
-/// The link of a step that keeps the place of what follows a stop, until that has been appended.
+/// The link of a step that reserves a place for the step after a stop, until that step is linked.
 const PLACE: u64 = u64::MAX - 2;
-/// Bit of the link of such a step once it has: the others are the successor + 1.
+/// Bit of the link of such a step once a step is linked: the other bits are the successor + 1.
 const TAKEN: u64 = 1 << 63;
 
 #[derive(Debug)]
 struct Table {
     exits: Box<[[AtomicU64; 2]]>,
-    /// Successor + 1 where it is not simply the next step; 0 where it is; [`OPEN`] or [`CLAIMED`] before a
-    /// tail; [`PLACE`], or the successor + 1 with [`TAKEN`], of a step that keeps a place.
+    /// The successor + 1 if it is not simply the next step, otherwise 0; [`OPEN`] or [`CLAIMED`] before a
+    /// tail; for a step that reserves a place [`PLACE`], or the successor + 1 with [`TAKEN`].
     links: Box<[AtomicU64]>,
     committed: AtomicU64,
     complete: AtomicU64,
-    /// The last wait for an input, probing move or thread + 1: nothing comes after it before it is over.
+    /// The last wait for an input, probing move or thread, + 1: nothing follows it in the plan until it is
+    /// over.
     waits_at: AtomicU64,
     reached: AtomicU64,
     reached_step: AtomicU64,
@@ -130,7 +131,7 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
     (producer, consumer)
 }
 
-/// The consumer does not take more: it has gone, or the run was given up.
+/// The consumer accepts no more steps: it has been dropped, or the run was given up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the cycle has stopped taking the plan")]
 pub struct QueueClosed;
@@ -152,17 +153,17 @@ pub struct PlanProducer<W> {
 }
 
 impl<W> PlanProducer<W> {
-    /// The way of passes of threading to the cycle, once.
+    /// The sender of threading passes to the cycle; `Some` on the first call only.
     pub fn take_threadings(&mut self) -> Option<ThreadingSender> {
         self.threadings.take()
     }
 
-    /// The way of probing moves to the cycle, once.
+    /// The sender of probing moves to the cycle; `Some` on the first call only.
     pub fn take_probings(&mut self) -> Option<ProbingSender> {
         self.probings.take()
     }
 
-    /// The way of process cycles to the cycle, once.
+    /// The sender of process cycles to the cycle; `Some` on the first call only.
     pub fn take_processes(&mut self) -> Option<ProcessSender> {
         self.processes.take()
     }
@@ -207,7 +208,8 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
 
     fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
         let [nominal, doubled] = self.table.exit(index);
-        // In this order: who reads the new nominal speed reads no older doubled one, which would be below it.
+        // The order matters: a reader of the new nominal speed must not read an older doubled one, which
+        // would be below it.
         doubled.store(speeds.doubled.to_bits(), Ordering::Release);
         nominal.store(speeds.nominal.to_bits(), Ordering::Release);
     }
@@ -249,7 +251,7 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
     }
 
     fn request(&mut self) -> Option<Request> {
-        // Only the last one is still open.
+        // Only the last request is still open.
         let mut last = None;
         while let Ok(request) = self.requests.pop() {
             last = Some(request);
@@ -258,7 +260,7 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
     }
 
     fn reply(&mut self, reply: Reply) {
-        // A reply that finds no room is one that is not waited for.
+        // A reply that does not fit belongs to a request that nobody waits for.
         let _unheard = self.replies.push(reply);
     }
 
@@ -295,24 +297,24 @@ pub struct PlanConsumer {
     taken_segments: u64,
     taken_marks: u64,
     looks: Looks,
-    /// The step after the last end that was found continued: who looks at it again finds the same.
+    /// The step after the last end that was found continued: later looks at it give the same result.
     settled_up_to: u64,
 }
 
-/// What a cycle has looked for in the plan. In real time it may come too early for something; when it is
-/// computed again it meets the same.
+/// The looks of a cycle at the plan. In real time the planner may not have finished what a look needs; a
+/// recomputed cycle gets the same result as the recorded one.
 #[derive(Debug, Default)]
 struct Looks {
-    /// Looks that found what they looked for. More than a cycle ever makes are not told apart.
+    /// Number of successful looks. It saturates at a number that no cycle reaches.
     found: u8,
-    /// Number of the look that found nothing: nothing is found after it.
+    /// Number of the first look that failed: all later ones fail too.
     failed: Option<u8>,
-    /// The same in the cycle that is computed again.
+    /// The same number in the recorded cycle that is recomputed.
     recorded: Option<u8>,
 }
 
 impl PlanConsumer {
-    /// Begins a cycle in which the look of number `failed_look` fails, as it did when the cycle was recorded.
+    /// Begins a cycle in which look number `failed_look` fails, as in the recorded cycle.
     pub(crate) fn begin_cycle(&mut self, failed_look: Option<u8>) {
         self.looks = Looks {
             recorded: failed_look,
@@ -320,12 +322,12 @@ impl PlanConsumer {
         };
     }
 
-    /// Number of the look in this cycle that found nothing.
+    /// Number of the look of this cycle that failed.
     pub(crate) fn failed_look(&self) -> Option<u8> {
         self.looks.failed
     }
 
-    /// Counts a look at something that is there or not; whether the cycle finds it.
+    /// Records a look; returns whether it succeeds.
     pub(crate) fn look(&mut self, is_there: bool) -> bool {
         if self.fails_again() || !is_there {
             self.looks.failed.get_or_insert(self.looks.found);
@@ -335,13 +337,14 @@ impl PlanConsumer {
         true
     }
 
-    /// Whether the next look fails whatever is there.
+    /// Whether the next look fails regardless of the plan.
     fn fails_again(&self) -> bool {
         let looks = &self.looks;
         looks.failed.is_some() || looks.recorded.is_some_and(|number| looks.found >= number)
     }
 
-    /// Step number `index`, counted from the first ever; none if it has not come or was taken.
+    /// Step number `index`, counted from the first step of the queue; `None` if it has not arrived or was
+    /// taken.
     pub fn step(&mut self, index: u64) -> Option<Step> {
         nth(&mut self.steps, index.checked_sub(self.taken_steps)? as usize)
     }
@@ -375,10 +378,10 @@ impl PlanConsumer {
         self.table.committed.load(Ordering::Acquire) > index
     }
 
-    /// The step that is executed at the position of step `index`: itself, the step linked to it if it keeps a
-    /// place, or none until one is linked.
+    /// The step that is executed at the position of step `index`: itself, or for a reserved place the step
+    /// linked to it, `None` until one is linked.
     pub fn occupant(&mut self, index: u64) -> Option<u64> {
-        // One look, after the step has been seen: before it is there its link may be that of an older step.
+        // The link is read once, after the step has been seen: before that it may belong to an older step.
         if !matches!(self.step(index), Some(Step::Wait)) {
             return Some(index);
         }
@@ -390,26 +393,26 @@ impl PlanConsumer {
         }
     }
 
-    /// Whether it is settled that the tail after step `index` is driven.
+    /// Whether the cycle has claimed the tail after step `index`.
     #[must_use]
     pub fn is_claimed(&self, index: u64) -> bool {
         self.table.link(index).load(Ordering::Acquire) == CLAIMED
     }
 
-    /// The step after step `index`, and whether it is final. Does not settle which way is taken.
+    /// The step after step `index`, and whether it is final. Does not settle the choice.
     #[must_use]
     pub fn successor(&self, index: u64) -> (u64, bool) {
-        // In this order: what is final was left open or linked before it was declared final.
+        // The order matters: final steps were left open or linked before they were declared final.
         let committed = self.table.committed.load(Ordering::Acquire);
         match self.table.link(index).load(Ordering::Acquire) {
             0 => (index + 1, index + 1 < committed),
             OPEN | CLAIMED => (index + 1, false),
-            // Only what is committed is linked, also where that has not been declared final yet.
+            // Only committed steps are linked, even if they have not been declared final yet.
             link => (link - 1, true),
         }
     }
 
-    /// The same, and settles it: after this the planner cannot link step `index` elsewhere.
+    /// The same, and settles the choice: the planner can no longer link step `index` to another one.
     pub fn claim_successor(&mut self, index: u64) -> (u64, bool) {
         let (next, is_final) = self.successor(index);
         if is_final {
@@ -426,8 +429,8 @@ impl PlanConsumer {
         (index + 1, false)
     }
 
-    /// The step after step `index`, settled, and whether the planner had not come so far: then that step is a
-    /// tail, or it has to be waited for. `rests`: the axes rest between them.
+    /// The step after step `index`, settled, and whether the planner had not got so far: then that step is a
+    /// tail, or has to be waited for. `rests`: the axes rest between the two steps.
     pub(crate) fn settle_successor(&mut self, index: u64, rests: bool) -> (u64, bool) {
         let is_left_open = self.table.link(index).load(Ordering::Acquire) != 0;
         let is_end = (is_left_open || rests) && index >= self.settled_up_to;
@@ -449,14 +452,14 @@ impl PlanConsumer {
         (occupant.unwrap_or(next), occupant.is_none())
     }
 
-    /// Whether the runs ahead of step `index` cannot change any more: the next [`STEPS_AHEAD`] steps are
-    /// final, or all up to a wait for an input, or the plan is complete.
+    /// Whether the runs after step `index` can no longer change: the next [`STEPS_AHEAD`] steps are final, or
+    /// all steps up to a wait for an input, or the plan is complete.
     #[must_use]
     pub fn has_final_ahead(&self, index: u64) -> bool {
         self.has_final(index, STEPS_AHEAD)
     }
 
-    /// The same of the next `count` steps.
+    /// The same for the next `count` steps.
     pub(crate) fn has_final(&self, index: u64, count: u64) -> bool {
         let committed = self.table.committed.load(Ordering::Acquire);
         let waits_at = self.table.waits_at.load(Ordering::Acquire);
@@ -472,32 +475,34 @@ impl PlanConsumer {
         complete > 0 && committed >= complete
     }
 
-    /// Whether the planner has gone without completing the plan.
+    /// Whether the planner has ended without completing the plan.
     #[must_use]
     pub fn is_abandoned(&self) -> bool {
         self.has_no_planner() && self.table.complete.load(Ordering::Acquire) == 0
     }
 
-    /// Whether requests receive no replies any more.
+    /// Whether requests no longer get replies.
     #[must_use]
     pub fn has_no_planner(&self) -> bool {
         self.steps.is_abandoned()
     }
 
-    /// Whether there is room for a request.
+    /// Whether the queue has capacity for a request.
     #[must_use]
     pub fn can_ask(&self) -> bool {
         !self.requests.is_full()
     }
 
-    /// Sends a request to the planner; `false` if there is no room, which only a dead planner leaves.
+    /// Sends a request to the planner. Returns `false` if the queue is full, which only happens without a
+    /// planner.
     pub fn ask(&mut self, request: Request) -> bool {
-        // Replies to requests that were withdrawn are not read, and must not take the room of this one's.
+        // Replies to withdrawn requests are not read, and must not take the capacity of the reply to this
+        // one.
         while self.replies.pop().is_ok() {}
         self.requests.push(request).is_ok()
     }
 
-    /// The reply to request `id`, if it has come; older ones are dropped.
+    /// The reply to request `id`, if it has arrived; older ones are dropped.
     pub fn reply(&mut self, id: u64) -> Option<Reply> {
         while let Ok(reply) = self.replies.peek().copied() {
             if reply.id == id {
@@ -508,17 +513,17 @@ impl PlanConsumer {
         None
     }
 
-    /// Says that no reply to request `id` will be taken over, nor to an earlier one.
+    /// Declares that no reply to request `id` or to an earlier one will be taken over.
     pub fn withdraw_request(&self, id: u64) {
         self.table.withdrawn.store(id, Ordering::Release);
     }
 
-    /// Says that the reply to request `id` has been taken over.
+    /// Declares that the reply to request `id` has been taken over.
     pub fn acknowledge_replan(&mut self, id: u64) {
         self.table.acknowledged.store(id, Ordering::Release);
     }
 
-    /// Takes everything before these indices for good. `interval` is the grid interval reached.
+    /// Removes everything before these indices. `interval` is the grid interval reached.
     pub fn take(&mut self, step: u64, segment: u64, mark: u64, interval: u64) {
         self.taken_steps += take(&mut self.steps, step.saturating_sub(self.taken_steps));
         self.taken_segments += take(&mut self.segments, segment.saturating_sub(self.taken_segments));

@@ -1,8 +1,8 @@
-//! Every axis stops by itself: the last resort, which leaves the path.
+//! Every axis stops on its own: the last resort, which leaves the path.
 //!
-//! A stop brings acceleration to zero as well, which a path that turns back in front of the edge of the
-//! travel does not: at the same jerk the axis would go beyond the edge by up to `A^3 / (24 J^2)`. Such an
-//! axis takes as much more jerk as it needs to stop at the edge, within its acceleration.
+//! A stop also brings the acceleration to zero, which a path that turns back before the edge of the travel
+//! does not: at the same jerk the axis would pass the edge by up to `A^3 / (24 J^2)`. Such an axis uses as
+//! much more jerk as it needs to stop at the edge, within its acceleration.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, Jet};
@@ -10,9 +10,9 @@ use evolvent_planner::{Profile, ScalarLimits, ScalarState};
 
 use crate::guard::{Guard, SLACK, TRAVEL_SLACK};
 
-/// How often the jerk of an axis is doubled until it stops within its travel, and steps of the search for the
-/// least that does. From an acceleration within the limit, 2^10 times the jerk is nearly a step of
-/// acceleration at any control rate.
+/// Maximum number of doublings of the jerk until an axis stops within its travel, and number of steps in the
+/// search for the minimum jerk that suffices. From an acceleration within the limit, 2^10 times the jerk is
+/// nearly a step of acceleration at any control rate.
 const DOUBLINGS: u32 = 10;
 const BISECTIONS: u32 = 12;
 
@@ -25,18 +25,18 @@ pub(crate) struct QuickStop {
 }
 
 impl QuickStop {
-    /// From the last published position and its planned derivatives. Real-time safe.
+    /// A stop from the last published position and its planned derivatives. Real-time safe.
     pub(crate) fn new(limits: &Limits, from: Axes, last: &Jet) -> Self {
         let mut axes = [(Profile::at_rest(0.0), 1.0); AXES];
         for i in 0..AXES {
             let (velocity, acceleration) = (last.first[i], last.second[i]);
-            // The last setpoint has left, so its position is sound; its derivatives are not worth a wrong
+            // The last position was published, so it is valid; invalid derivatives must not cause a wrong
             // motion.
             if !limits.present[i] || !velocity.is_finite() || !acceleration.is_finite() {
                 continue;
             }
             let sign = if velocity < 0.0 { -1.0 } else { 1.0 };
-            // What the guard has let pass is kept: cutting it off would be a step of acceleration.
+            // An acceleration that the guard has accepted is kept: reducing it at once would be a step.
             let most = SLACK * limits.acceleration[i];
             let state = ScalarState {
                 x: 0.0,
@@ -84,8 +84,9 @@ impl QuickStop {
         jet
     }
 
-    /// The same, and an axis that would leave its travel all the same (the plan led it there) stands from
-    /// here on, while the others finish their stops. Whether one does. Real-time safe.
+    /// As `advance`, except that an axis that would still leave its travel (because the plan led it there)
+    /// stays where it is from now on, while the others finish their stops. Returns whether an axis does.
+    /// Real-time safe.
     pub(crate) fn advance_within(&mut self, guard: &Guard, period: f64) -> (Jet, bool) {
         let mut jet = self.advance(period);
         let mut stands = false;
@@ -102,8 +103,8 @@ impl QuickStop {
     }
 }
 
-/// The fastest stop that goes no farther than `left`: with more jerk than the limit where it needs that, and
-/// with the most of it where none is enough.
+/// The fastest stop within the distance `left`: with more jerk than the limit if needed, and with the maximum
+/// jerk if no jerk suffices.
 fn stop_within(from: ScalarState, left: f64, limits: &ScalarLimits) -> Profile {
     let with = |factor: f64| {
         let limits = ScalarLimits {
@@ -133,8 +134,8 @@ fn stop_within(from: ScalarState, left: f64, limits: &ScalarLimits) -> Profile {
     with(within)
 }
 
-/// How far a stop goes: to its end, or to where it turns back as its deceleration is more than its speed
-/// needs.
+/// The distance of a stop: to its end, or to the point at which it turns back because its deceleration is
+/// more than its speed needs.
 fn farthest(from: ScalarState, stop: &Profile, jerk: f64) -> f64 {
     let below = from.a * from.a - 2.0 * jerk * from.v;
     if from.a < 0.0 && below > 0.0 {

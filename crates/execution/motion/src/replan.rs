@@ -1,10 +1,10 @@
-//! Requesting another plan from the planner, and taking it over.
+//! Requests another plan from the planner and takes over the reply.
 //!
-//! A plan of pieces is made for one override. When another is wanted the cycle requests a plan from the
-//! position where it will be a lead time later, and goes on until then; the reply takes over at just that
-//! setpoint. A lower override slows the plan down meanwhile ([`Slowdown`]), and the request is made once that
-//! is at a constant rate. At rest there is no hurry: the cycle waits until the reply comes. Holds and stops
-//! need no planner.
+//! A time-optimal plan is made for one override. For another override the cycle requests a plan from the
+//! position that it will reach one lead later, and drives on until then; the reply takes over at exactly that
+//! setpoint. For a lower override the plan is slowed down meanwhile ([`Slowdown`]), and the request is made
+//! once the rate is constant. At rest the cycle waits until the reply arrives. Holds and stops need no
+//! planner.
 //!
 //! [`Slowdown`]: crate::slowdown::Slowdown
 
@@ -19,40 +19,40 @@ use crate::scale::Scale;
 use crate::setpoint::Inputs;
 use crate::state::State;
 
-/// Time from a request to where its reply takes over, s: a re-plan takes half of it at most.
+/// Time from a request to the position at which its reply takes over, s: planning takes at most half of it.
 const LEAD_S: f64 = 0.010;
-/// Cycles of lead at least.
+/// Minimum lead in cycles.
 const MIN_LEAD: u64 = 2;
-/// How often the time between requests in motion that come to nothing doubles at most: 0.3 s then.
+/// Maximum number of doublings of the time between wasted requests in motion: 0.3 s then.
 const MAX_DOUBLINGS: u32 = 6;
-/// Pieces that a place ahead is looked for in.
+/// Maximum number of pieces that are searched for a position ahead.
 const MAX_AHEAD: usize = 1 << 15;
 
-/// A request that is open.
+/// An open request.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PendingReplan {
     id: u64,
     factor: f64,
-    /// Its reply follows the setpoint of this number; none at rest.
+    /// Number of the setpoint after which its reply takes over; `None` at rest.
     after: Option<u64>,
 }
 
 /// The requests of the cycle, and their outcome.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ReplanState {
-    /// The override that the pieces ahead were planned for.
+    /// The override for which the pieces ahead are planned.
     pub(crate) factor: f64,
     open: Option<PendingReplan>,
     asked: u64,
-    /// The plan step at which the last reply at rest goes on.
+    /// The plan step at which the last reply at rest continues.
     answered_at: Option<u64>,
-    /// Requests in a row that were not met.
+    /// Number of consecutive requests without success.
     unanswered: u32,
-    /// No further request before this setpoint: the last one could not be met.
+    /// Setpoint before which there is no further request, because the last one failed.
     not_before: u64,
-    /// Requests in motion in a row that came to nothing, and the setpoint before which there is no other.
-    /// Each may have the planner append a window that is never driven, so an input that does not rest must
-    /// not make one every few cycles.
+    /// Number of consecutive wasted requests in motion, and the setpoint before which there is no other one.
+    /// Each may make the planner append a window that is never driven, so an input that keeps changing must
+    /// not cause one every few cycles.
     wasted: u32,
     waste_until: u64,
     pub(crate) lead: u64,
@@ -78,13 +78,12 @@ impl ReplanState {
         self.open.is_some()
     }
 
-    /// Whether a plan for this override has been requested, and the planner has not failed to give one in
-    /// time.
+    /// Whether a plan for this override has been requested and the planner has not missed a request.
     pub(crate) fn is_waiting_for(&self, factor: f64) -> bool {
         self.unanswered == 0 && self.open.is_some_and(|open| open.factor == factor)
     }
 
-    /// What was asked for in motion is met no more; the next setpoint is number `sequence`.
+    /// Withdraws an open request in motion; `sequence` is the number of the next setpoint.
     pub(crate) fn withdraw(&mut self, sequence: u64, queue: &PlanConsumer) {
         if let Some(PendingReplan {
             id, after: Some(_), ..
@@ -95,14 +94,14 @@ impl ReplanState {
         }
     }
 
-    /// Request `id` came to nothing: the planner goes on with the plan that is driven.
+    /// Request `id` is wasted: the planner continues the plan that is driven.
     fn waste(&mut self, id: u64, sequence: u64, queue: &PlanConsumer) {
         queue.withdraw_request(id);
         self.wasted = (self.wasted + 1).min(MAX_DOUBLINGS);
         self.waste_until = sequence + (self.lead << self.wasted) / 2;
     }
 
-    /// The pieces to come are planned for this override.
+    /// The pieces ahead are planned for this override.
     pub(crate) fn planned_for(&mut self, factor: f64) {
         self.factor = factor;
     }
@@ -118,28 +117,28 @@ impl ReplanState {
 }
 
 impl PathExecutor {
-    /// Whether the plan from plan step `step` on may be driven as it is. A plan that was made for a start
-    /// from there may be driven even if the override has changed meanwhile: an override that changes in every
-    /// cycle would never let the axes start.
+    /// Whether the plan from plan step `step` on may be driven as it is. A plan for a start from there may be
+    /// driven even if the override has changed since: otherwise an override that changes in every cycle would
+    /// never let the axes start.
     pub(crate) fn plan_fits(&self, step: u64, brake: bool) -> bool {
         let asking = &self.asking;
         let is_wanted = asking.factor == self.feed_override || asking.answered_at == Some(step);
         asking.open.is_none() && !brake && is_wanted
     }
 
-    /// Takes over a reply that is due; `refused`: in the recorded cycle it came to nothing.
+    /// Takes over a reply that is due. `refused`: the reply failed in the recorded cycle.
     pub(crate) fn take_answer(&mut self, cursor: &mut Cursor, queue: &mut PlanConsumer, refused: bool) {
         let Some(open) = self.asking.open else { return };
         let reply = match open.after {
             Some(after) if self.sequence <= after => return,
             _ => queue.reply(open.id),
         };
-        // At rest there is time.
+        // At rest the cycle can wait.
         if open.after.is_none() && !queue.look(reply.is_some()) {
             return;
         }
         match reply {
-            // The plan is being slowed down by now: the place that the reply was made for is not met.
+            // The axes are stopping or at rest: they do not reach the position for which the reply was made.
             Some(_) if open.after.is_some() && (cursor.state == State::Fault || cursor.is_still()) => {
                 self.asking.withdraw(self.sequence, queue);
             }
@@ -147,7 +146,7 @@ impl PathExecutor {
                 self.asking.open = None;
                 let step = reply.step.filter(|_| !refused);
                 match step.map(|step| (step, queue.step(step))) {
-                    // In motion the next piece must be there; at rest it may still come.
+                    // In motion the next piece must be there; at rest it may arrive later.
                     Some((step, Some(Step::TimedSegment(flow)))) if open.after.is_some() => {
                         cursor.step = step;
                         cursor.starved = false;
@@ -157,9 +156,9 @@ impl PathExecutor {
                         self.asking.is_met();
                         queue.acknowledge_replan(open.id);
                     }
-                    // Taking it over frees the queue of what lies before, which the planner may need to hand
-                    // on the new plan: so that is entered in a later cycle, whether it has come already or
-                    // not.
+                    // Taking over the reply frees the queue of the steps before it, which the planner may
+                    // need in order to append the new plan. The new plan is therefore entered in a later
+                    // cycle, whether or not it has arrived.
                     Some((step, _)) if open.after.is_none() => {
                         cursor.step = step;
                         self.asking.answered_at = Some(step);
@@ -173,7 +172,7 @@ impl PathExecutor {
                     _ => self.refuse(open, queue),
                 }
             }
-            // Recorded as a refusal: that the cycle waited tells of a tail that it has met.
+            // Recorded as refused: later waiting shows in the trace as a failed look.
             None => {
                 self.asking.open = None;
                 self.refuse(open, queue);
@@ -181,7 +180,7 @@ impl PathExecutor {
         }
     }
 
-    /// A request has come to nothing.
+    /// A request has failed.
     fn refuse(&mut self, request: PendingReplan, queue: &PlanConsumer) {
         self.lag.refused = true;
         self.asking.not_before = self.sequence + self.asking.lead;
@@ -191,7 +190,7 @@ impl PathExecutor {
         }
     }
 
-    /// Asks where something else is wanted than the pieces ahead were planned for.
+    /// Sends a request if the pieces ahead are not planned for the present override.
     pub(crate) fn ask(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) {
         let cursor = self.cursor;
         if self.asking.open.is_some()
@@ -238,7 +237,7 @@ impl PathExecutor {
                     self.send(Some(after), request, queue);
                 }
             }
-            // What this cycle found there, not what has come since: only that can be replayed.
+            // The step that this cycle has found, not a newer one: only that can be replayed.
             ActiveMotion::Still => match self.rest_step {
                 // A stop has ended within a piece.
                 Some(Step::TimedSegment(flow)) if cursor.slowdown.is_some() => {
@@ -262,9 +261,9 @@ impl PathExecutor {
         }
     }
 
-    /// The step and piece in which the plan is `time` seconds after the start of `flow`, which is plan step
-    /// `step`, and the time since that piece's start; none if the axes stop before. Settles the successors up
-    /// to there.
+    /// The step and piece that contain the point `time` seconds after the start of `flow`, which is plan step
+    /// `step`, and the time since the start of that piece; `None` if the axes stop before. Settles the
+    /// successors up to there.
     fn foresee(
         &mut self,
         (mut step, mut flow, mut time): (u64, TimedSegment, f64),
@@ -275,7 +274,7 @@ impl PathExecutor {
                 return Some((step, flow, time));
             }
             time -= flow.piece.duration_s;
-            // What happens at a rest is not foreseen: the next request is made from there, or after it.
+            // Nothing is predicted beyond a rest: the next request is made from there, or after it.
             if flow.rests_at_end() {
                 return None;
             }
@@ -307,7 +306,7 @@ impl PathExecutor {
         }
     }
 
-    /// Whether the axes stand, not at the plan's end, and no planner is left.
+    /// Whether the axes are at rest, not at the end of the plan, without a planner to continue it.
     pub fn is_stuck(&self, queue: &mut PlanConsumer) -> bool {
         if !queue.has_no_planner()
             || !self.is_at_rest()
@@ -325,15 +324,15 @@ impl PathExecutor {
         self.asking.open.is_some() || !goes_on
     }
 
-    /// Whether the next step meets nothing that the planner may still change, so that it does not depend on
-    /// how fast the planner is. The virtual clock waits for this.
+    /// Whether everything that the next step can read is final, so that it does not depend on the speed of
+    /// the planner. The virtual clock waits for this.
     pub fn is_ready(&self, queue: &mut PlanConsumer) -> bool {
         self.is_ready_from(self.cursor.step, queue)
     }
 
-    /// Whether the machine stands at a wait for an input, and what follows it is known as far as a step can
-    /// see. A wait that is over is left only then, so that what follows does not depend on how fast the
-    /// planner is.
+    /// Whether the machine is at a wait for an input and everything after it that a step can read is known. A
+    /// completed wait is left only then, so that the motion after it does not depend on the speed of the
+    /// planner.
     pub fn can_leave_wait(&self, queue: &mut PlanConsumer) -> bool {
         let step = self.cursor.step;
         self.cursor.state == State::ProgramStop
@@ -341,13 +340,13 @@ impl PathExecutor {
             && self.is_ready_from(step + 1, queue)
     }
 
-    /// Number of the plan's step that the machine is at: it grows when a rest has been passed.
+    /// Number of the present plan step: it increases when a rest has been passed.
     #[must_use]
     pub fn plan_step(&self) -> u64 {
         self.cursor.step
     }
 
-    /// As [`is_ready`](Self::is_ready), where the next step begins with plan step `from`.
+    /// As [`is_ready`](Self::is_ready), if the next step begins with plan step `from`.
     fn is_ready_from(&self, from: u64, queue: &mut PlanConsumer) -> bool {
         let cursor = &self.cursor;
         if self.is_over()
@@ -358,7 +357,7 @@ impl PathExecutor {
         {
             return true;
         }
-        // With the virtual clock a request that finds no room is made in the next step: the planner takes the
+        // With the virtual clock a request that does not fit is made in the next step: the planner takes the
         // older ones.
         if !queue.can_ask() && !queue.has_no_planner() {
             return false;
@@ -369,15 +368,15 @@ impl PathExecutor {
             let due = open.after.is_none_or(|after| self.sequence > after);
             let is_moving = matches!(cursor.drive, ActiveMotion::TimedSegment { .. });
             if !due && is_moving {
-                // When it was sent, the plan in force was final beyond where the reply takes over; the
-                // planner may have left it since.
+                // When the request was sent, the plan in force was final beyond the position at which the
+                // reply takes over; the planner may have left it since.
                 return true;
             }
             let reply = if due { queue.reply(open.id) } else { None };
             if due && reply.is_none() && !queue.has_no_planner() {
                 return false;
             }
-            // The step after this goes on where the reply says: that must be known as well.
+            // The step after this one continues where the reply says: that must be known as well.
             if due && open.after.is_none() {
                 return true;
             }
@@ -395,11 +394,11 @@ impl PathExecutor {
         let first = step;
         let mut rests = 0;
         let (flow, time) = match cursor.drive {
-            // Where a reply has come it takes over now.
+            // A reply that has arrived takes over now.
             ActiveMotion::TimedSegment { flow, time } => answered.map_or((flow, time), |flow| (flow, 0.0)),
             ActiveMotion::Run(_) => return queue.has_final_ahead(step),
-            // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it
-            // gets there.
+            // Rest steps without duration are passed in one cycle: the steps after them must be known, if the
+            // cycle reaches them.
             ActiveMotion::Still => loop {
                 let Some(occupant) = queue.occupant(step) else {
                     return queue.has_no_planner();
@@ -414,7 +413,7 @@ impl PathExecutor {
                     Some(Step::Run(_)) => return queue.has_final_ahead(first),
                     Some(Step::TimedSegment(flow)) if queue.is_final(step) => break (flow, 0.0),
                     Some(Step::TimedSegment(_)) => return false,
-                    // The machine stands at a wait for one step at least before it goes on.
+                    // The machine stays at a wait for at least one step before it continues.
                     Some(Step::Wait | Step::InputWait { .. } | Step::End { .. }) => return true,
                     Some(Step::Turning { .. } | Step::Probe { .. } | Step::Thread { .. }) => {
                         return queue.is_final(step);
@@ -424,7 +423,7 @@ impl PathExecutor {
                 }
             },
         };
-        // Everything that the step, or a request that it makes, can see.
+        // Everything that the step, or a request that it makes, can read.
         let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration_s;
         if cursor.slowdown.is_some() && answered.is_none() {
             left += LONGEST_PREVIEW_S;
@@ -464,7 +463,7 @@ pub(crate) const EMPTY: Request = Request {
     feed_factor: 1.0,
 };
 
-/// At parameter `x` of a piece, which is plan step `step`.
+/// A request at parameter `x` of a piece, which is plan step `step`.
 fn place(step: u64, flow: &TimedSegment, x: f64, v: f64, a: f64) -> Request {
     Request {
         step,

@@ -1,24 +1,24 @@
-//! Driving along the runs of a classic plan.
+//! Drives along the runs of a classic plan.
 //!
-//! The planner leaves every run with zero acceleration, so a profile is solved run by run. To stop like that
-//! takes far longer than it could where runs are short: each sheds a fraction of the speed only. A stop is
+//! The planner leaves every run with zero acceleration, so a profile is solved run by run. Stopping like that
+//! takes much longer than necessary if runs are short: each sheds only a fraction of the speed. A stop is
 //! therefore solved over as many runs as it needs, within the smallest of their limits, which hold for any
-//! speed, acceleration and jerk up to them. It does not pass the start of a run whose curvature has a step,
+//! speed, acceleration and jerk up to them. It does not pass the start of a run with a step of curvature,
 //! where acceleration has to be zero.
 //!
-//! Within such a stop the state is not one from which the present run can be left with zero acceleration. To
-//! go on, the acceleration is brought to zero over as many runs as that takes; where what comes then is too
-//! slow for that, the stop goes on.
+//! From a state within such a stop the present run cannot be left with zero acceleration. To continue the
+//! program, the acceleration is brought to zero over as many runs as needed; if the plan after them is too
+//! slow for that, the stop continues.
 
 use evolvent_planner::{Outcome, Profile, Run, ScalarLimits, ScalarState, Step};
 
 use crate::cursor::{ActiveMotion, Cursor};
 use crate::queue::PlanConsumer;
 
-/// Runs over which one profile is solved at most. Less than [`STEPS_AHEAD`](crate::STEPS_AHEAD) by what one
-/// cycle may pass.
+/// Maximum number of runs over which one profile is solved. Less than [`STEPS_AHEAD`](crate::STEPS_AHEAD) by
+/// the number that one cycle may pass.
 const MAX_RUNS: usize = 48;
-/// Attempts to slow down over fewer runs where no stop fits.
+/// Maximum number of attempts to slow down over fewer runs if no stop fits.
 const MAX_ATTEMPTS: usize = 3;
 /// Rounding of speeds and accelerations, as a fraction.
 const ROUNDING: f64 = 1e-9;
@@ -39,9 +39,9 @@ pub(crate) struct RunDrive {
     time: f64,
     /// Position of the profile at which the run starts.
     offset: f64,
-    /// Number of runs after this one that the profile extends over.
+    /// Number of runs after this one over which the profile extends.
     span: u32,
-    /// The profile was solved over more runs than one.
+    /// The profile was solved over more than one run.
     is_long: bool,
     /// The profile ends within a run, with zero acceleration.
     levels: bool,
@@ -50,22 +50,22 @@ pub(crate) struct RunDrive {
 /// How a run is driven.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pace {
-    /// To rest as soon as possible.
+    /// Stop as soon as possible.
     pub(crate) brake: bool,
     pub(crate) feed_override: f64,
 }
 
-/// What comes at the end of a period on a run.
+/// The outcome of a period on a run.
 pub(crate) enum RunProgress {
-    /// It is not over.
+    /// The run continues.
     Within,
-    /// The profile is, and another one is to be solved from here.
+    /// The profile has ended, and another one has to be solved from here.
     Levelled,
-    /// It is over, and the next step begins with this state.
+    /// The run has ended, and the next step begins with this state.
     Left(ScalarState),
 }
 
-/// A profile, and over how many runs after the present one it extends.
+/// A profile, and the number of runs after the present one over which it extends.
 struct Solution {
     profile: Profile,
     span: usize,
@@ -89,12 +89,12 @@ impl RunDrive {
         }
     }
 
-    /// Permitted speed at this multiple of the programmed feed.
+    /// Permitted speed with this multiple of the programmed feed.
     fn bound(&self, factor: f64) -> f64 {
         self.limits.velocity.min(self.feed_u_s * factor) * (1.0 + ROUNDING)
     }
 
-    /// State and jerk, by the parameter from the start of the run.
+    /// State and jerk, as a function of the parameter from the start of the run.
     pub(crate) fn now(&self) -> (ScalarState, f64) {
         let (mut state, jerk) = self.profile.at(self.time);
         state.x -= self.offset;
@@ -106,7 +106,7 @@ impl RunDrive {
         self.profile.at(self.time).0.v == 0.0 && self.profile.outcome() == Outcome::Rests
     }
 
-    /// The stop as soon as possible; none where the present profile has to go on before.
+    /// The earliest stop; `None` if the present profile has to continue first.
     fn brake(
         &self,
         from: ScalarState,
@@ -165,7 +165,7 @@ impl RunDrive {
         Some(alone()).filter(|solution| self.accepts(solution))
     }
 
-    /// On with the plan; none where the present profile has to go on before.
+    /// The continuation of the plan; `None` if the present profile has to continue first.
     fn go_on(
         &self,
         from: ScalarState,
@@ -194,7 +194,7 @@ impl RunDrive {
             if end.x > last.end - POSITION_ROUNDING {
                 continue;
             }
-            // From there the plan can be driven.
+            // The plan can be driven from there.
             let fits = end.v <= last.exit || end.stopping_distance(&last.limits) <= last.end - end.x;
             let permitted = fits && chain.first_too_fast(&profile, chain.count - 1).is_none();
             return permitted.then_some(Solution {
@@ -206,8 +206,8 @@ impl RunDrive {
         None
     }
 
-    /// Whether a profile for the present run alone is to be driven. A state within a profile over several
-    /// runs may not permit one.
+    /// Whether to drive a profile for the present run alone. A state within a profile over several runs may
+    /// not permit one.
     fn accepts(&self, alone: &Solution) -> bool {
         !self.is_long || alone.profile.outcome() != Outcome::Overruns
     }
@@ -239,7 +239,7 @@ impl Solution {
     }
 }
 
-/// Number of a run's step, and of its first segment.
+/// Number of the step of a run, and of its first segment.
 #[derive(Clone, Copy, Debug)]
 struct RunIndex {
     step: u64,
@@ -251,7 +251,7 @@ struct RunIndex {
 struct RunEnd {
     /// Position from the start of the first run.
     end: f64,
-    /// The smallest of acceleration and jerk from the first run to this one.
+    /// The minimum acceleration and jerk from the first run to this one.
     limits: ScalarLimits,
     /// Permitted speed at the end, with zero acceleration.
     exit: f64,
@@ -259,12 +259,12 @@ struct RunEnd {
     bound: f64,
 }
 
-/// The present run and those after it, as far as a profile may extend.
+/// The present run and the following ones over which a profile may extend.
 struct RunChain {
     runs: [RunEnd; MAX_RUNS],
     count: usize,
     from: ScalarState,
-    /// The highest speed that a profile may have.
+    /// Maximum speed of a profile.
     peak: f64,
     /// Feed as a multiple of the programmed one.
     factor: f64,
@@ -276,7 +276,7 @@ struct RunChain {
 impl RunChain {
     fn new(run: &RunDrive, from: ScalarState, pace: Pace, at: RunIndex, exit: f64) -> Self {
         let peak = from.v.max(from.relaxed_speed(run.limits.jerk));
-        // Of an override that has just been reduced the speed may be left.
+        // The speed may be left over from a higher override.
         let factor = pace.feed_override.max(peak / run.feed_u_s);
         let first = RunEnd {
             end: run.length,
@@ -299,7 +299,7 @@ impl RunChain {
         self.runs[self.count - 1]
     }
 
-    /// Takes the next run in. `false` where the chain ends.
+    /// Adds the next run. Returns `false` if the chain ends.
     fn extend(&mut self, queue: &mut PlanConsumer) -> bool {
         let before = self.last();
         let next = RunIndex {
@@ -320,8 +320,8 @@ impl RunChain {
             acceleration: run.limits.acceleration.min(before.limits.acceleration),
             jerk: run.limits.jerk.min(before.limits.jerk),
         };
-        // A profile within these limits has to begin within them, not to run backwards, and not to become too
-        // fast.
+        // A profile within these limits has to begin within them, must not run backwards, and must not become
+        // too fast.
         let relaxed = self.from.relaxed_speed(limits.jerk);
         let begins = self.from.a.abs() <= limits.acceleration * (1.0 + ROUNDING)
             && (0.0..=self.runs[0].bound).contains(&relaxed);
@@ -350,7 +350,7 @@ impl RunChain {
 }
 
 impl Cursor {
-    /// Begins to drive a run.
+    /// Starts a run.
     pub(crate) fn enter_run(&mut self, run: &Run, from: ScalarState, pace: Pace, queue: &mut PlanConsumer) {
         let mut drive = RunDrive::new(run);
         drive.solve(from, pace, self.run_index(), queue);
@@ -373,7 +373,7 @@ impl Cursor {
         }
     }
 
-    /// Drives a run for the time that is left of the period.
+    /// Drives a run for the rest of the period.
     pub(crate) fn advance_run(&mut self, left: &mut f64, queue: &mut PlanConsumer) -> RunProgress {
         let ActiveMotion::Run(run) = &mut self.drive else {
             return RunProgress::Within;
@@ -406,7 +406,7 @@ impl Cursor {
         })
     }
 
-    /// Passes the runs that a profile over several has left, or `all` of them before its last.
+    /// Passes the runs that a profile over several runs has left, or `all` of them before its last.
     fn pass_runs(&mut self, all: bool, queue: &mut PlanConsumer) {
         while let ActiveMotion::Run(run) = &self.drive
             && run.span > 0
@@ -427,7 +427,7 @@ impl Cursor {
         }
     }
 
-    /// The next step begins behind a run.
+    /// Leaves a run; the next step begins after it.
     fn leave_run(&mut self, length: f64, segments: u32) {
         self.step += 1;
         self.travelled += length;

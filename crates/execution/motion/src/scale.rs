@@ -1,11 +1,11 @@
-//! A plan driven at another rate of time.
+//! The rate at which a plan is driven.
 
 use evolvent_planner::ScalarState;
 
-/// The rate at which plan time passes, and its derivatives by time.
+/// The rate of plan time and its time derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Scale {
-    /// Plan time per time.
+    /// Plan time per real time.
     pub(crate) rate: f64,
     /// First derivative, 1/s.
     pub(crate) first: f64,
@@ -14,7 +14,7 @@ pub(crate) struct Scale {
 }
 
 impl Scale {
-    /// State and jerk of the path parameter by time, of those by plan time. Real-time safe.
+    /// Converts state and jerk of the path parameter from plan time to real time. Real-time safe.
     pub(crate) fn apply(&self, now: ScalarState, jerk: f64) -> (ScalarState, f64) {
         let (s, s1, s2) = (self.rate, self.first, self.second);
         let state = ScalarState {

@@ -1,4 +1,4 @@
-//! What a cycle takes in and gives out.
+//! Inputs and output of a cycle.
 
 use evolvent_machine::LoadSample;
 use evolvent_path::Axes;
@@ -6,24 +6,22 @@ use evolvent_signals::{OverrideSwitches, ProbeInput, SpindleInput};
 
 use crate::State;
 
-/// What comes in from outside, sampled once a cycle. Recorded where it changes, so that a run can be computed
-/// again.
+/// Inputs from outside, sampled once per cycle. Changes are recorded, so that a run can be recomputed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inputs {
-    /// Feed override, 1 at 100 %; taken as at most 2. Below 0.001, and not a number, counts as 0.
+    /// Feed override, 1 at 100 %, limited to 2. Values below 0.001 and NaN count as 0.
     pub feed_override: f64,
     /// Feed hold: decelerate and stay at rest while this is set.
     pub hold: bool,
     /// Decelerate and end the run. Once set it stays in force.
     pub stop: bool,
-    /// Go on after a program stop. Must be seen unset before the next program stop counts it again.
+    /// Continue after a program stop. It must be seen unset before it applies to the next program stop.
     pub resume: bool,
-    /// The newest reading of the cutting load, the same again where there is no newer one: what process
-    /// cycles go by.
+    /// The newest reading of the cutting load, repeated if there is no newer one; for process cycles.
     pub load: Option<LoadSample>,
-    /// The probe: what probing moves go by.
+    /// The probe; for probing moves.
     pub probe: ProbeInput,
-    /// The spindle when this setpoint is due: what threading goes by.
+    /// The spindle when this setpoint is due; for threading.
     pub spindle: SpindleInput,
 }
 
@@ -42,7 +40,8 @@ impl Default for Inputs {
 }
 
 impl Inputs {
-    /// As a program lets them count: without feed override it is 1, and a hold waits. A stop always counts.
+    /// The inputs as enabled by a program: without feed override it is 1, and a hold waits. A stop is always
+    /// enabled.
     #[must_use]
     pub fn switched_by(mut self, switches: &OverrideSwitches) -> Self {
         if !switches.feed {
@@ -53,7 +52,7 @@ impl Inputs {
     }
 }
 
-/// The state of the axes at one instant, and where on the path that is.
+/// The state of the axes at one instant, and their position on the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setpoint {
     /// Index of the cycle, from 0.
@@ -70,14 +69,14 @@ pub struct Setpoint {
     pub path_mm: f64,
     /// Speed along the path in the feed metric, mm/s (degrees/s while only rotary axes move).
     pub feed_mm_s: f64,
-    /// Feed override that is wanted: a time-optimal plan follows a lower one at once, a higher one a lead
-    /// time later.
+    /// Requested feed override. A time-optimal plan follows a lower one at once and a higher one a lead
+    /// later.
     pub feed_override: f64,
     /// Program line.
     pub line: u32,
     /// Index of the block in the order of execution.
     pub block: u32,
-    /// What the cycle is doing.
+    /// State of the cycle.
     pub state: State,
     /// Bits of [`crate::flags`].
     pub flags: u32,

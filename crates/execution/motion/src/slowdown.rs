@@ -1,32 +1,32 @@
-//! Driving a plan more slowly than it was made, without a planner: down to rest, to a part of its speed, and
+//! Drives a plan more slowly than it was made, without a planner: down to rest, to a part of its speed, and
 //! back.
 //!
-//! Plan time `tau` passes at the rate `s = dtau/dt`, `0 <= s <= 1`. With the plan's derivatives by its own
-//! time `q', q'', q'''` an axis has
+//! Plan time `tau` passes at the rate `s = dtau/dt`, `0 <= s <= 1`. With the derivatives `q', q'', q'''` of
+//! the plan by its own time, an axis has
 //!
 //! ```text
 //!   acceleration  s^2 q'' + s' q'
 //!   jerk          s^3 q''' + 3 s s' q'' + s'' q'
 //! ```
 //!
-//! A plan at a constant rate up to 1 keeps every limit, so a change of the rate that can go over to a
-//! constant one is safe. Every [`TRIAL_S`] the cycle chooses the `s''` that changes the rate most towards the
-//! target and for which that is certain: it follows the motion over the plan ahead, with that `s''` for one
-//! trial first and then, in steps of [`STEP_S`], with what brings `s'` to zero soonest within the limits (the
-//! *recovery*). It takes the trial only if no axis exceeds a limit on the way and the rate does not pass the
-//! target. Else it drives the first step of the recovery that the trial before has left, whole, so there is a
-//! next step at every moment. Where the recovery would pass the target, `s'' = s'^2/(2 (s - target))` reaches
-//! it with `s' = 0`.
+//! A plan at a constant rate up to 1 keeps every limit, so a change of the rate that can end at a constant
+//! rate is safe. Every [`TRIAL_S`] the cycle chooses the `s''` that changes the rate most towards the target
+//! and is known to be safe: it follows the motion over the plan ahead, first with that `s''` for one trial
+//! and then, in steps of [`STEP_S`], with the `s''` that brings `s'` to zero soonest within the limits (the
+//! *recovery*). It accepts the trial only if no axis exceeds a limit meanwhile and the rate does not pass the
+//! target. Otherwise it drives one whole step of the recovery of the previous trial, so there is a next step
+//! at every moment. If the recovery would pass the target, `s'' = s'^2/(2 (s - target))` reaches it with `s'
+//! = 0`.
 //!
-//! Trials are shorter than the steps of a recovery because a constant `s''` must fit under every peak of the
-//! plan's jerk within its time: on dense contours the jerk of a plan meets its limit several times a
+//! Trials are shorter than the steps of a recovery because a constant `s''` must fit under every jerk peak of
+//! the plan within its time: on dense contours the jerk of a plan reaches its limit several times per
 //! millisecond.
 //!
-//! On a straight line this is the time-optimal jerk-limited stop but for the length of a step. Where the plan
-//! brakes with all that an axis has the slowdown leaves it as it is: nothing is faster there.
+//! On a straight line this is the time-optimal jerk-limited stop, except for the length of a step. Where the
+//! plan itself brakes at the limits of an axis, the slowdown leaves it unchanged: nothing is faster there.
 //!
-//! Cost: at most [`TRIALS`] + 3 recoveries a trial, each over as much of the plan as the axes take from one
-//! acceleration to another. No allocation.
+//! Cost: at most [`TRIALS`] + 3 recoveries per trial, each over the part of the plan in which the axes change
+//! from one acceleration to another. No allocation.
 
 mod recovery;
 
@@ -38,62 +38,63 @@ use crate::plan_preview::{PlanPreview, Sample};
 use crate::queue::PlanConsumer;
 use crate::scale::Scale;
 
-/// Time for which `s''` is constant in a recovery. Tuned: 0.5 ms for both times stops sooner than 0.25 ms for
-/// trials in some holds and later in more, for 1.4 times the work.
+/// Time for which `s''` is constant in a recovery. Tuned: 0.5 ms for both times stops earlier than 0.25 ms
+/// for trials in some holds and later in more, for 1.4 times the work.
 pub(crate) const STEP_S: f64 = 0.001;
-/// Time for which the `s''` of a trial is constant. Tuned on 360 holds on dense contours: against 1 ms 0.5 ms
-/// stops 3.2 ms sooner in the mean and 29 ms at most for 1.6 times the work, 0.25 ms another 1.9 ms and 16 ms
-/// at most for 2.6 times.
+/// Time for which the `s''` of a trial is constant. Tuned on 360 holds on dense contours: compared with 1 ms,
+/// 0.5 ms stops 3.2 ms earlier on average and at most 29 ms earlier, for 1.6 times the work; 0.25 ms another
+/// 1.9 ms and at most 16 ms, for 2.6 times the work.
 const TRIAL_S: f64 = 0.00025;
-/// Steps of a recovery that are followed at most.
+/// Maximum number of steps of a recovery.
 const LONGEST_RECOVERY: u32 = 256;
-/// Values of `s''` between the recovery's and the lowest that are tried in a step.
+/// Number of values of `s''` between that of the recovery and the lowest that are tried in a step.
 const TRIALS: u32 = 4;
-/// Largest `|s''|`, 1/s2. A stop takes eleven steps at least, however slow the axes are; and
-/// `1.5 s''^2 t^3 q''`, which the bounds of a step leave out, stays below a hundredth of the jerk limit where
-/// the plan has just begun to move.
+/// Maximum `|s''|`, 1/s2. A stop then takes at least eleven steps, however slow the axes are, and `1.5 s''^2
+/// t^3 q''`, which the bounds of a step neglect, stays below a hundredth of the jerk limit where the plan has
+/// just started to move.
 const MAX_SECOND: f64 = 1.0 / (32.0 * STEP_S * STEP_S);
-/// What an axis may have of its limits: acceleration, jerk. Where the plan itself has more, as much as the
-/// plan.
+/// Fractions of the acceleration and jerk limits that an axis may use. If the plan itself uses more, the same
+/// as the plan.
 const ALLOWED: (f64, f64) = (1.0, 1.002);
-/// The fraction of a step at its start in which `s''` hardly changes the acceleration yet, and what an axis
-/// may have of its limit there: more than the step before left it with, so that no hair over the limit asks
-/// for an `s''` out of proportion; little enough that a jump of the plan's jerk in it does not hide a peak.
+/// The fraction of a step at its start in which `s''` hardly changes the acceleration, and the fraction of
+/// its limit that an axis may use there. The value is above the one at the end of the previous step, so that
+/// a tiny excess over the limit does not require an excessive `s''`; it is so small that a jump of the plan's
+/// jerk in this part does not hide a peak.
 const EARLY_FRACTION: f64 = 0.3;
 const EARLY_ALLOWED: f64 = 1.0004;
-/// By how much a step may exceed that between the instants that its bounds were taken at.
+/// Factors by which a step may exceed these fractions between the instants of its bounds.
 const ROUNDING: (f64, f64) = (1.0002, 1.004);
-/// Share of the target by which another one does not count while a plan is on its way: overrides from a
-/// sensor never rest.
+/// Relative change of the target that is ignored while a new plan is pending: overrides from a sensor change
+/// all the time.
 const NEARLY: f64 = 0.01;
-/// What rounding leaves of a step, s.
+/// Rounding at the end of a step, s.
 const NO_TIME_S: f64 = 1e-9 * STEP_S;
-/// A rate this close to the target has reached it, and `|s'|` below which the rate is constant, 1/s.
+/// Tolerance within which a rate has reached the target, and `|s'|` below which the rate is constant, 1/s.
 const AT_TARGET: f64 = 1e-9;
 const STILL: f64 = 1e-9;
 
-/// How a slowdown goes on.
+/// The phase of a slowdown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
-    /// Towards the target, with another `s''` every step.
+    /// Towards the target, with another `s''` in every step.
     Changing,
-    /// To the target with the present `s''`, for the seconds left.
+    /// To the target with the present `s''`, for the remaining seconds.
     Landing,
-    /// The same, and the target is another one by now. What is certain is the landing alone, for this many
-    /// seconds more.
+    /// As `Landing`, but the target has changed since. Only the landing is known to be safe, for this many
+    /// more seconds.
     Diverted(f64),
     /// At a constant rate.
     Steady,
 }
 
-/// What became of a change of the target.
+/// The effect of a change of the target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lead {
-    /// It is the same, or reached.
+    /// The target is the same, or reached.
     Same,
-    /// A change of the rate is led elsewhere.
+    /// A change of the rate gets another target.
     Other,
-    /// The rate was constant: the preview begins again.
+    /// The rate was constant: the preview has to begin again.
     FromSteady,
 }
 
@@ -118,7 +119,7 @@ impl RateState {
 
 /// Samples of the plan ahead, by index in the order of plan time.
 pub(crate) trait Lookahead {
-    /// Index of the oldest sample that is held.
+    /// Index of the oldest stored sample.
     fn oldest(&self) -> usize;
 
     /// Drops the samples before plan time `time`, except the last of them.
@@ -127,11 +128,11 @@ pub(crate) trait Lookahead {
     /// Sample number `index`; none after the plan's end or beyond the range of the look ahead.
     fn sample(&mut self, index: usize) -> Option<&Sample>;
 
-    /// Plan time at which the plan rests, once that has been met.
+    /// Plan time at which the plan rests, once the preview has reached it.
     fn rests_at(&self) -> Option<f64>;
 }
 
-/// The plan in the queue, as the cycle looks ahead.
+/// The plan in the queue, as seen by the preview.
 pub(crate) struct Ahead<'a> {
     pub(crate) preview: &'a mut PlanPreview,
     pub(crate) queue: &'a mut PlanConsumer,
@@ -155,19 +156,20 @@ impl Lookahead for Ahead<'_> {
     }
 }
 
-/// A slowdown. `Copy`: the samples that it looks at are in a [`PlanPreview`] beside it.
+/// A slowdown. `Copy`: the samples are stored in a separate [`PlanPreview`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Slowdown {
     now: RateState,
     second: f64,
-    /// Seconds for which `second` still holds.
+    /// Remaining seconds of `second`.
     left: f64,
     target: f64,
     phase: Phase,
 }
 
 impl Slowdown {
-    /// From the plan's own speed towards the rate `target`. The preview begins where the plan is now.
+    /// A slowdown from the plan's own speed towards the rate `target`. The preview begins at the present
+    /// position in the plan.
     pub(crate) fn new(target: f64) -> Self {
         Self {
             now: RateState {
@@ -182,7 +184,7 @@ impl Slowdown {
         }
     }
 
-    /// The scale now. Real-time safe.
+    /// The present scale. Real-time safe.
     pub(crate) fn scale(&self) -> Scale {
         Scale {
             rate: self.now.rate,
@@ -191,8 +193,8 @@ impl Slowdown {
         }
     }
 
-    /// Changes the rate that it leads to. Where that ends a constant rate the preview has to begin again
-    /// where the plan is now: what it had looked at was passed.
+    /// Changes the target. If the rate was constant, the preview has to begin again at the present position
+    /// in the plan, since its samples have been passed.
     #[must_use]
     pub(crate) fn lead_to(&mut self, target: f64) -> Lead {
         if target == self.target {
@@ -218,27 +220,27 @@ impl Slowdown {
         Lead::Other
     }
 
-    /// Whether it leads so close to a rate that a plan on its way is worth more.
+    /// Whether its target is so close to `target` that a pending plan is preferable.
     pub(crate) fn is_nearly(&self, target: f64) -> bool {
         (target - self.target).abs() <= NEARLY * self.target
     }
 
-    /// Plan time since it began, s.
+    /// Plan time since the start of the slowdown, s.
     pub(crate) fn plan_time(&self) -> f64 {
         self.now.time
     }
 
-    /// Whether plan time stands still.
+    /// Whether plan time has stopped.
     pub(crate) fn is_at_rest(&self) -> bool {
         self.phase == Phase::Steady && self.now.rate == 0.0
     }
 
-    /// The rate, once that does not change any more unless it is led elsewhere.
+    /// The rate, if it is constant until the target changes.
     pub(crate) fn steady_rate(&self) -> Option<f64> {
         (self.phase == Phase::Steady).then_some(self.now.rate)
     }
 
-    /// Advances by `period`; returns how far plan time advances. Real-time safe.
+    /// Advances by `period`; returns the plan time that passes. Real-time safe.
     pub(crate) fn advance<A: Lookahead>(&mut self, period: f64, limits: &Limits, ahead: &mut A) -> f64 {
         let before = self.now.time;
         let mut rest = period;
@@ -247,7 +249,7 @@ impl Slowdown {
                 self.now.time += rest * self.now.rate;
                 break;
             }
-            // A period that is a whole number of steps has no sliver of one more.
+            // Avoids a tiny step if the period is a whole number of steps.
             if self.left <= NO_TIME_S {
                 self.end_step(limits, ahead);
                 continue;
@@ -263,26 +265,26 @@ impl Slowdown {
         if self.phase == Phase::Landing && self.left <= NO_TIME_S {
             self.settle(self.target);
         }
-        // A hold that comes while the rate goes back to 1 turns it round within a hair of that; cutting it
-        // off there would be a step.
+        // A hold that arrives while the rate returns to 1 may turn it round within rounding of 1; clamping it
+        // there would be a step.
         self.now.rate = self.now.rate.max(0.0);
         self.now.time - before
     }
 
-    /// A constant rate from here on.
+    /// Continues at a constant rate.
     fn settle(&mut self, rate: f64) {
         (self.now.rate, self.now.first, self.second) = (rate, 0.0, 0.0);
         self.left = f64::INFINITY;
         self.phase = Phase::Steady;
     }
 
-    /// What comes after a step.
+    /// Chooses the continuation after a step.
     fn end_step<A: Lookahead>(&mut self, limits: &Limits, ahead: &mut A) {
         let off = (self.now.rate - self.target).abs();
         if let Phase::Diverted(left) = self.phase
             && left <= NO_TIME_S
         {
-            // The landing has ended where it was meant to.
+            // The landing has ended at its original target.
             self.settle(self.now.rate);
             self.phase = Phase::Changing;
             self.left = 0.0;
@@ -307,14 +309,14 @@ impl Slowdown {
             target: self.target,
         };
         let Some((bounds, _)) = follower.bounds(from, begin, STEP_S) else {
-            // The plan stops within the step, as it is driven now.
+            // The plan stops within the step at its present rate.
             self.second = (-from.first / STEP_S).clamp(-MAX_SECOND, MAX_SECOND);
             return;
         };
         let recovery = bounds.recovery(from);
         if let Phase::Diverted(left) = self.phase {
-            // A landing is closer to its target than a recovery could stop: one that passes the new target
-            // may pass zero too.
+            // A landing is closer to its target than a recovery could stop: if it passes the new target it
+            // may also pass zero.
             match follower.outlook(from, begin, recovery, STEP_S) {
                 Outlook::Safe => self.phase = Phase::Changing,
                 Outlook::Past | Outlook::Unsafe => {
@@ -343,7 +345,7 @@ impl Slowdown {
                 (self.second, self.left, self.phase) = (second, seconds, Phase::Landing);
                 return;
             }
-            // What leaves as much as a landing of one step takes.
+            // The value that leaves as much as a landing of one step needs.
             let half = (self.target - from.rate) / (TRIAL_S * TRIAL_S) - 1.5 * from.first / TRIAL_S;
             let between = (half - most) * (half - recovery) < 0.0;
             if between && follower.outlook(from, begin, half, TRIAL_S) == Outlook::Safe {
@@ -363,9 +365,9 @@ impl Slowdown {
     }
 }
 
-/// The plan between two samples, of the first `axes` axes: cubic in velocity and acceleration, whose
-/// derivatives are known too; the jerk is the derivative of that acceleration. Linear in jerk it would be up
-/// to 0.04 of the limit too low on pieces where the jerk is curved.
+/// The plan between two samples, for the first `axes` axes: cubic in velocity and acceleration, whose
+/// derivatives are known too; the jerk is the derivative of that acceleration. Linear interpolation of the
+/// jerk would be up to 0.04 of the limit too low on pieces with curved jerk.
 pub(crate) fn between(left: &Sample, right: &Sample, time: f64, axes: usize) -> Sample {
     let length = right.time - left.time;
     let t = ((time - left.time) / length).clamp(0.0, 1.0);
@@ -415,7 +417,7 @@ mod tests {
         }
     }
 
-    /// A line driven at `v` for `seconds`, in pieces of 10 ms, and no more.
+    /// A line driven at `v` for `seconds`, in pieces of 10 ms.
     fn cruise(v: f64, seconds: f64) -> (PlanConsumer, PlanPreview) {
         let (mut producer, queue) = plan_queue(|| false);
         let mut end = Axes::zeros();
@@ -452,7 +454,7 @@ mod tests {
         (queue, preview)
     }
 
-    /// Advances until `done`, and returns seconds and plan time; every sample keeps acceleration and jerk.
+    /// Advances until `done` and returns seconds and plan time; every sample keeps acceleration and jerk.
     fn drive(
         slowdown: &mut Slowdown,
         v: f64,
@@ -483,13 +485,13 @@ mod tests {
             } else {
                 2.0 * (v / J).sqrt()
             };
-            // Where the axis is slow the step bounds the second derivative: eleven of them and some.
+            // For slow axes [`MAX_SECOND`] determines the duration: at least eleven steps.
             let most = (1.03 * least + 2.0 * STEP_S).max(0.014);
             assert!(
                 seconds >= least - PERIOD_S && seconds <= most,
                 "{v}: {seconds} of {least}"
             );
-            // From a constant speed down to rest, mirror images: half of it on the way.
+            // A stop from constant speed is symmetric in time: half of the distance is driven.
             assert!((time / seconds - 0.5).abs() < 0.05, "{v}: {time} in {seconds}");
         }
     }
@@ -528,7 +530,7 @@ mod tests {
                 let (queue, preview) = &mut plan;
                 let mut ahead = Ahead { preview, queue };
                 slowdown.advance(0.2 * PERIOD_S, &limits, &mut ahead);
-                // A rate that falls and is cut off at zero is a jump of the velocity.
+                // A falling rate that is clamped at zero is a jump of the velocity.
                 let Scale { rate, first, .. } = slowdown.scale();
                 assert!(
                     rate > 0.0 || first > -1e-6,

@@ -1,16 +1,16 @@
 //! States of the cycle and flags of a setpoint, with the numbers that bus and trace carry.
 
-/// What the cycle is doing. The numbers are part of the bus and trace contract.
+/// The state of the cycle. The numbers are part of the bus and trace contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum State {
-    /// At rest, nothing to do.
+    /// At rest, without a job.
     Idle = 0,
-    /// Moving along the path, or ready to.
+    /// Moving along the path, or ready to move.
     Running = 1,
     /// Decelerating for a feed hold.
     Holding = 2,
-    /// At rest on the path in feed hold; resume continues.
+    /// At rest on the path in a feed hold; continues when the hold is released.
     Held = 3,
     /// Decelerating for a stop that ends the run.
     Stopping = 4,
@@ -18,7 +18,7 @@ pub enum State {
     Stopped = 5,
     /// Waiting for the time of a dwell (G4).
     Dwell = 6,
-    /// At rest at a program stop (M0, M1, M60); resume continues.
+    /// At rest at a program stop (M0, M1, M60); continues on resume.
     ProgramStop = 7,
     /// Decelerating or at rest after a fault.
     Fault = 8,

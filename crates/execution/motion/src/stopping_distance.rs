@@ -1,9 +1,9 @@
-//! How far a plan goes on after a hold, measured on the plan without driving it.
+//! The stopping distance of a plan after a hold, computed without driving it.
 //!
 //! A [`StoppingDistance`] receives the setpoints of a plan that is driven without interruption. At most
-//! [`SPACING_S`] of path time apart, or [`SPACING_FRACTION`] of the time that holds take, it starts a hold
-//! there, with the slowdown of the cycle on the derivatives of the setpoints, and keeps the one with the
-//! longest path. Not real-time safe: it is for planning.
+//! [`SPACING_S`] of path time apart, or [`SPACING_FRACTION`] of the duration of holds, it starts a hold, with
+//! the slowdown of the cycle on the derivatives of the setpoints, and keeps the one with the longest path.
+//! Not real-time safe: it is for planning.
 
 use std::collections::VecDeque;
 
@@ -16,17 +16,16 @@ use crate::slowdown::{Lookahead, STEP_S, Slowdown, between};
 
 /// Path time from one hold to the next, s.
 const SPACING_S: f64 = 0.01;
-/// Path time from one hold to the next as a fraction of the time that holds take, where that is more: with
-/// jerk limits so low that a hold takes seconds, the work would grow with the square of that time. A hold
-/// that comes between two of them rests no farther than the later one, so the path between the two is added.
+/// Path time from one hold to the next as a fraction of the duration of holds, if that is more: with jerk
+/// limits so low that a hold takes seconds, the work would grow with the square of that time. A hold between
+/// two of them stops no farther than the later one, so the path between the two is added.
 const SPACING_FRACTION: f64 = 1.0 / 32.0;
-/// Least path time from one sample of the plan to the next, s: that of the cycle's preview, whatever the
-/// rate.
+/// Minimum path time between samples of the plan, s: that of the cycle's preview, at any rate.
 const SAMPLE_S: f64 = 0.0005;
-/// What a hold in the cycle may need beyond the one that is computed here: fractions where setpoints are no
-/// farther apart than samples and where they are, and the path of a time. Measured on 240 random dense
-/// contours: up to 1.082 of what is computed at 4 kHz, up to 1.154 at 1 kHz, where several chords lie between
-/// two setpoints.
+/// Margins of the result for holds in the cycle: factors for setpoints at most one sample apart and for
+/// setpoints farther apart, and the path driven in a time. Measured on 240 random dense contours: up to 1.082
+/// times the computed path at 4 kHz, and up to 1.154 times at 1 kHz, where several chords lie between two
+/// setpoints.
 const MARGIN: (f64, f64) = (1.1, 1.2);
 const MARGIN_S: f64 = 0.001;
 
@@ -39,11 +38,11 @@ pub struct LongestStop {
     pub duration_s: f64,
     /// Line of the program at the hold.
     pub line: u32,
-    /// Number of the setpoint after which the hold comes.
+    /// Number of the setpoint after which the hold starts.
     pub sequence: u64,
 }
 
-/// A hold that is being followed.
+/// A hold that is being simulated.
 #[derive(Clone, Copy, Debug)]
 struct Hold {
     slowdown: Slowdown,
@@ -54,18 +53,18 @@ struct Hold {
     begin: usize,
     path_mm: f64,
     speed: f64,
-    /// Path from the hold before it, where that is farther back than [`SPACING_S`].
+    /// Path since the hold before it, if that is farther back than [`SPACING_S`].
     unseen_mm: f64,
     line: u32,
     sequence: u64,
 }
 
-/// Finds the hold that needs the longest path.
+/// Finds the hold with the longest path.
 #[derive(Debug)]
 pub struct StoppingDistance {
     limits: Limits,
     period_s: f64,
-    /// The plan since the last rest, as far as holds look at it: derivatives and path.
+    /// The plan since the last rest, as far as holds need it: derivatives and path.
     samples: VecDeque<(Sample, f64)>,
     /// Number of the first of them.
     first: usize,
@@ -81,7 +80,7 @@ pub struct StoppingDistance {
 }
 
 impl StoppingDistance {
-    /// For plans of a machine with these limits, at this control period.
+    /// An empty search for a machine with these limits, at this control period.
     #[must_use]
     pub fn new(limits: Limits, period_s: f64) -> Self {
         Self {
@@ -99,7 +98,7 @@ impl StoppingDistance {
         }
     }
 
-    /// Takes the next setpoint of the plan.
+    /// Processes the next setpoint of the plan.
     pub fn push(&mut self, setpoint: &Setpoint) {
         self.time += self.period_s;
         self.since_sample += self.period_s;
@@ -147,8 +146,8 @@ impl StoppingDistance {
         SPACING_S.max(SPACING_FRACTION * seconds.fold(0.0, f64::max))
     }
 
-    /// The hold with the longest path, of all that were followed to rest. The path includes a margin for what
-    /// lies between setpoints: 10 % from 2 kHz on, 20 % below, and 1 ms. None where nothing moves.
+    /// The hold with the longest path, of all that were simulated to rest. The path includes a margin for
+    /// what lies between setpoints: 10 % from 2 kHz on, 20 % below, and 1 ms. `None` if nothing moves.
     #[must_use]
     pub fn longest(&self) -> Option<LongestStop> {
         self.longest
@@ -174,8 +173,8 @@ impl StoppingDistance {
         (self.first, self.rests_at, self.time) = (0, None, 0.0);
     }
 
-    /// Puts a sample in the middle where setpoints lie far apart: its jerk is that of the parabola which
-    /// changes the acceleration as both setpoints have it.
+    /// Adds a sample in the middle if setpoints are far apart. Its jerk is that of the parabola which gives
+    /// the change of acceleration between both setpoints.
     fn refine(&mut self, right: &Sample, path: f64) {
         let Some((left, path_before)) = self.samples.back().copied() else {
             return;
@@ -189,7 +188,7 @@ impl StoppingDistance {
         self.samples.push_back((middle, 0.5 * (path_before + path)));
     }
 
-    /// Follows every hold as far as the plan is known.
+    /// Simulates every hold as far as the plan is known.
     fn follow(&mut self) {
         let Some(newest) = self.samples.back().map(|(sample, _)| sample.time) else {
             return;
@@ -204,7 +203,7 @@ impl StoppingDistance {
                     ended = true;
                     break;
                 }
-                // As far ahead as the cycle looks.
+                // As far ahead as the preview of the cycle.
                 if self.rests_at.is_none()
                     && newest < now + LONGEST_PREVIEW_S + 2.0 * self.period_s.max(SAMPLE_S)
                 {
@@ -222,7 +221,7 @@ impl StoppingDistance {
                 hold.slowdown.advance(STEP_S, &self.limits, &mut window);
                 hold.begin = window.begin;
                 hold.seconds += STEP_S;
-                // A slowdown that the plan's own braking has brought to nothing.
+                // The braking of the plan itself has made the slowdown superfluous.
                 if hold.slowdown.plan_time() <= before && hold.slowdown.is_at_rest() {
                     ended = true;
                     break;
@@ -262,7 +261,7 @@ impl StoppingDistance {
         }
     }
 
-    /// The path at a plan time that is held.
+    /// The path at a stored plan time.
     fn path_at(&self, time: f64) -> f64 {
         let after = self.samples.partition_point(|(sample, _)| sample.time <= time);
         let at = |k: usize| self.samples.get(k).copied();
@@ -276,7 +275,7 @@ impl StoppingDistance {
     }
 }
 
-/// The samples as one hold sees them: by the plan time since the hold.
+/// The samples for one hold, by the plan time since the hold.
 struct Window<'a> {
     samples: &'a VecDeque<(Sample, f64)>,
     first: usize,

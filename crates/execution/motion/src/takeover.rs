@@ -1,7 +1,7 @@
-//! What takes over from the plan at rest: a process cycle, a probing move or a pass of threading.
+//! Motions that take over from the plan at rest: a process cycle, a probing move or a pass of threading.
 //!
-//! Each is built outside the cycle and handed over in a box, and goes back in it: the cycle neither allocates
-//! nor frees.
+//! Each is built outside the cycle, passed to the cycle in a box and returned in it: the cycle neither
+//! allocates nor frees.
 
 use evolvent_path::Jet;
 use evolvent_wire::flags;
@@ -15,11 +15,11 @@ use crate::setpoint::Setpoint;
 use crate::state::State;
 use crate::threading::{ThreadResult, Threading};
 
-/// Those that wait, and room for those that are over: as many as can be on the way, and one that runs.
+/// Capacity for waiting motions and for completed ones: as many as can be on the way, and one that is active.
 const WAITING: usize = 8;
 const OVER: usize = 2 * WAITING;
 
-/// Which of them takes over with the next setpoint.
+/// The motion that takes over with the next setpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Takeover {
     Process,
@@ -27,16 +27,16 @@ pub(crate) enum Takeover {
     Threading,
 }
 
-/// Hands process cycles to the cycle, each before its [`Step::Turning`](evolvent_planner::Step::Turning).
+/// Passes process cycles to the cycle, each before its [`Step::Turning`](evolvent_planner::Step::Turning).
 pub type ProcessSender = TakeoverSender<dyn ProcessCycle>;
 
-/// Hands probing moves to the cycle, each before its [`Step::Probe`](evolvent_planner::Step::Probe).
+/// Passes probing moves to the cycle, each before its [`Step::Probe`](evolvent_planner::Step::Probe).
 pub type ProbingSender = TakeoverSender<Probing>;
 
-/// Hands passes of threading to the cycle, each before its [`Step::Thread`](evolvent_planner::Step::Thread).
+/// Passes threading passes to the cycle, each before its [`Step::Thread`](evolvent_planner::Step::Thread).
 pub type ThreadingSender = TakeoverSender<Threading>;
 
-/// The planner's end: hands on what takes over, and takes it back when it is over.
+/// The planner's end: sends motions to the cycle and receives them when they are over.
 #[derive(Debug)]
 pub struct TakeoverSender<T: ?Sized> {
     waiting: Producer<Box<T>>,
@@ -44,10 +44,10 @@ pub struct TakeoverSender<T: ?Sized> {
 }
 
 impl<T: ?Sized> TakeoverSender<T> {
-    /// Hands one on, or back where there is no room yet. Drops those that are over by now.
+    /// Sends a motion to the cycle. Drops those that are over.
     ///
     /// # Errors
-    /// What was to be handed on, to be tried again.
+    /// The motion, if the queue is full; to be sent again.
     pub fn send(&mut self, next: Box<T>) -> Result<(), Box<T>> {
         while self.over.pop().is_ok() {}
         self.waiting
@@ -55,7 +55,7 @@ impl<T: ?Sized> TakeoverSender<T> {
             .map_err(|rtrb::PushError::Full(next)| next)
     }
 
-    /// Whether they are no longer taken.
+    /// Whether the cycle's end has been dropped.
     #[must_use]
     pub fn is_abandoned(&self) -> bool {
         self.waiting.is_abandoned()
@@ -63,14 +63,14 @@ impl<T: ?Sized> TakeoverSender<T> {
 }
 
 impl TakeoverSender<Probing> {
-    /// What came of the oldest that is over, once.
+    /// The result of the oldest completed move; each is returned once.
     pub fn result(&mut self) -> Option<ProbeResult> {
         self.over.pop().ok().and_then(|probing| probing.result())
     }
 }
 
 impl TakeoverSender<Threading> {
-    /// What came of the oldest that is over, once.
+    /// The result of the oldest completed pass; each is returned once.
     pub fn result(&mut self) -> Option<ThreadResult> {
         self.over.pop().ok().and_then(|threading| threading.result())
     }
@@ -84,15 +84,15 @@ pub(crate) struct TakeoverReceiver<T: ?Sized> {
 }
 
 impl<T: ?Sized> TakeoverReceiver<T> {
-    /// The object that belongs to the step of the plan that was reached.
+    /// The motion that belongs to the plan step that has been reached.
     pub(crate) fn take(&mut self) -> Option<Box<T>> {
         self.waiting.pop().ok()
     }
 
-    /// Hands back one that is over: it is dropped elsewhere.
+    /// Returns a completed motion: it is dropped outside the cycle.
     pub(crate) fn give_back(&mut self, over: Box<T>) {
         if let Err(rtrb::PushError::Full(over)) = self.over.push(over) {
-            // There is room for all that can be on the way. Freeing memory is not for the cycle.
+            // The queue has capacity for all that can be on the way. The cycle must not free memory.
             std::mem::forget(over);
         }
     }
@@ -111,7 +111,7 @@ pub(crate) fn takeover_queue<T: ?Sized>() -> (TakeoverSender<T>, TakeoverReceive
 }
 
 impl PathExecutor {
-    /// Begins what the plan has come to.
+    /// Starts the motion that the plan has reached.
     pub(crate) fn begin(&mut self, takeover: Takeover, queue: &mut PlanConsumer) {
         self.is_rapid = false;
         match takeover {
@@ -121,8 +121,7 @@ impl PathExecutor {
         }
     }
 
-    /// Publishes a setpoint of what has taken over, unless the guard objects: then every axis stops by
-    /// itself.
+    /// Publishes a setpoint of the motion, unless the guard rejects it: then every axis stops on its own.
     pub(crate) fn accept(&mut self, jet: &Jet) -> bool {
         if let Err(violation) = self.guard.check(&jet.position, false, false) {
             self.fault.get_or_insert(violation);
@@ -135,7 +134,7 @@ impl PathExecutor {
         true
     }
 
-    /// What the cycle is doing while another motion has taken over.
+    /// The state of the cycle during such a motion.
     pub(crate) fn takeover_state(&self, is_held: bool, is_at_rest: bool) -> State {
         match (self.stop, is_held) {
             (true, _) if is_at_rest => State::Stopped,
@@ -146,7 +145,7 @@ impl PathExecutor {
         }
     }
 
-    /// What took over is over: the path ends elsewhere, and what follows begins here, planned when the result
+    /// The motion is over: the path ends at another position, from which the next plan starts when the result
     /// is known.
     pub(crate) fn resume_plan_at(&mut self, jet: &Jet) {
         self.cursor.rest.position = Some(jet.position);

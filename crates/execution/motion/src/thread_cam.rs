@@ -1,26 +1,25 @@
 //! The path of a thread as a function of the spindle's angle.
 //!
-//! A thread is a polyline: each axis has a number of millimetres per turn, and at its corners the slope
-//! changes. The axes cannot change their speed at once, so each corner is rounded by a kernel that is
-//! symmetric about it: on either side of it the path is the straight line that was programmed, at the same
-//! angle of the spindle whatever its speed. The first corner is the run-in, the last one the run-out: the
-//! axes start half a kernel before the angle at which the line begins, and are in phase half a kernel after
-//! it.
+//! A thread is a polyline: each axis has a number of millimetres per turn, which changes at the corners. The
+//! axes cannot change their speed at once, so each corner is rounded by a symmetric kernel: outside the
+//! kernel the path is exactly the programmed straight line, at the same angle of the spindle and at any
+//! speed. The first corner is the run-in, the last one the run-out: the axes start half a kernel before the
+//! angle at which the line begins, and are in phase half a kernel after it.
 
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
 
-/// Fraction of the acceleration that the kernels use; the rest is for what the spindle does meanwhile.
+/// Fraction of the acceleration that the kernels use; the rest is for changes of the spindle speed.
 const ACCELERATION_FRACTION: f64 = 0.8;
-/// The same of the jerk.
+/// Fraction of the jerk that the kernels use.
 const JERK_FRACTION: f64 = 0.6;
-/// How much faster than now the spindle may turn during a pass.
+/// Factor by which the spindle speed may increase during a pass.
 const SPEED_RESERVE: f64 = 1.05;
 
 /// One straight piece of a thread.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThreadLeg {
-    /// Where it ends, machine coordinates (mm, degrees).
+    /// End position, machine coordinates (mm, degrees).
     pub end: Axes,
     /// Turns of the spindle along it.
     pub turns: f64,
@@ -31,24 +30,24 @@ pub struct ThreadLeg {
 /// Why a thread cannot be cut at a speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ThreadObjection {
-    /// An axis would have to be faster than it can: its index, mm/s needed and permitted.
+    /// An axis would have to exceed its velocity.
     TooFast {
         /// Index of the axis.
         axis: usize,
-        /// What it needs, mm/s.
+        /// Required speed, mm/s.
         needed: f64,
-        /// What it may do, mm/s.
+        /// Permitted speed, mm/s.
         permitted: f64,
     },
-    /// A leg is too short to get into phase on it, and out again.
+    /// A leg is too short for the run-in and run-out.
     TooShort {
         /// Line of the leg.
         line: u32,
-        /// How much of it the change of speed at its start takes, mm.
+        /// Length that the change of speed at its start takes, mm.
         run_in_mm: f64,
-        /// How much of it the change of speed at its end takes, mm.
+        /// Length that the change of speed at its end takes, mm.
         run_out_mm: f64,
-        /// How long it is, mm.
+        /// Length of the leg, mm.
         length_mm: f64,
     },
 }
@@ -57,11 +56,11 @@ pub enum ThreadObjection {
 #[derive(Clone, Copy, Debug, Default)]
 struct Corner {
     at: f64,
-    /// Change of slope, mm a turn.
+    /// Change of slope, mm per turn.
     change: Axes,
     /// Widths of the two boxes whose convolution is the kernel, turns; the first is the wider one.
     widths: (f64, f64),
-    /// Fastest speed of the spindle that it is wide enough for, turns/s.
+    /// Maximum spindle speed for which it is wide enough, turns/s.
     shaped_for: f64,
 }
 
@@ -71,18 +70,19 @@ impl Corner {
     }
 }
 
-/// Positions of the axes by the turns of the spindle since the thread begins.
+/// Positions of the axes as a function of the turns of the spindle since the thread begins.
 #[derive(Clone, Debug)]
 pub(crate) struct ThreadCam {
     start: Axes,
     legs: Box<[ThreadLeg]>,
     corners: Box<[Corner]>,
-    /// The spindle does not go by the end: it comes back from there.
+    /// The spindle does not pass the end: it turns back there.
     is_tap: bool,
 }
 
 impl ThreadCam {
-    /// Allocates; what follows does not. `is_tap`: the last leg has no end, since the spindle turns back.
+    /// A cam without rounded corners. Allocates; the other methods do not. `is_tap`: the last leg has no end,
+    /// since the spindle turns back.
     pub(crate) fn new(start: Axes, legs: Box<[ThreadLeg]>, is_tap: bool) -> Self {
         let corners = vec![Corner::default(); legs.len() + usize::from(!is_tap)];
         Self {
@@ -136,8 +136,8 @@ impl ThreadCam {
         self.check_room()
     }
 
-    /// Rounds corners that lie ahead again where the spindle has become faster than they were rounded for.
-    /// Real-time safe.
+    /// Rounds corners ahead again if the spindle has become faster than the speed for which they were
+    /// rounded. Real-time safe.
     pub(crate) fn reshape(&mut self, turns: f64, turns_per_s: f64, limits: &Limits, period_s: f64) {
         for corner in &mut self.corners {
             if turns_per_s <= corner.shaped_for || turns >= corner.at - corner.half() {
@@ -149,7 +149,7 @@ impl ThreadCam {
                 shaped_for: speed,
                 ..*corner
             };
-            // One that would have begun already stays as it is.
+            // A corner that would have begun already stays as it is.
             if turns < wider.at - wider.half() {
                 *corner = wider;
             }
@@ -181,13 +181,13 @@ impl ThreadCam {
         self.corners.first().map_or(0.0, Corner::half)
     }
 
-    /// Turns from where the thread begins to where it ends.
+    /// Turns from the start of the thread to its end.
     pub(crate) fn turns(&self) -> f64 {
         self.legs.iter().map(|leg| leg.turns).sum()
     }
 
-    /// The turns at which the axes begin to stop, and at which they rest. Infinite where the spindle turns
-    /// back.
+    /// The turns at which the axes begin to stop, and at which they are at rest. Infinite if the spindle
+    /// turns back.
     pub(crate) fn run_out(&self) -> (f64, f64) {
         match self.corners.last() {
             Some(last) if !self.is_tap => (last.at - last.half(), last.at + last.half()),
@@ -195,12 +195,12 @@ impl ThreadCam {
         }
     }
 
-    /// Where the thread ends.
+    /// End position of the thread.
     pub(crate) fn end(&self) -> Axes {
         self.legs.last().map_or(self.start, |leg| leg.end)
     }
 
-    /// Where it begins.
+    /// Start position of the thread.
     pub(crate) fn start(&self) -> Axes {
         self.start
     }
@@ -217,7 +217,7 @@ impl ThreadCam {
         self.legs.last().map_or(0, |leg| leg.line)
     }
 
-    /// How far the axes go a turn at most, mm.
+    /// Maximum distance of the axes per turn, mm.
     pub(crate) fn steepest(&self) -> f64 {
         let mut from = self.start;
         let mut most: f64 = 0.0;
@@ -228,7 +228,7 @@ impl ThreadCam {
         most
     }
 
-    /// Position and derivatives by the turns. Real-time safe.
+    /// Position and derivatives by turns. Real-time safe.
     pub(crate) fn at(&self, turns: f64) -> Jet {
         let mut jet = Jet::at_rest(self.start);
         for corner in &self.corners {
@@ -242,7 +242,7 @@ impl ThreadCam {
     }
 }
 
-/// Widths in turns of the boxes that keep every axis within its acceleration and jerk at this speed, turns/s.
+/// Widths of the boxes, turns, that keep every axis within its acceleration and jerk at this speed, turns/s.
 fn widths(change: &Axes, speed: f64, limits: &Limits, period_s: f64) -> (f64, f64) {
     let (mut by_acceleration, mut by_jerk) = (0.0_f64, 0.0_f64);
     for axis in 0..change.len() {
@@ -252,8 +252,8 @@ fn widths(change: &Axes, speed: f64, limits: &Limits, period_s: f64) -> (f64, f6
             by_jerk = by_jerk.max(step / (JERK_FRACTION * limits.jerk[axis]));
         }
     }
-    // The acceleration is the step by the wider box, the jerk by both. A setpoint or two see every part of
-    // it.
+    // The acceleration is the step divided by the wider box, the jerk by both. Each part is at least two
+    // setpoints long.
     let least_s = 2.0 * period_s;
     let wide = by_acceleration.max(by_jerk.sqrt()).max(least_s);
     let narrow = (by_jerk / wide).max(least_s).min(wide);
@@ -262,7 +262,7 @@ fn widths(change: &Axes, speed: f64, limits: &Limits, period_s: f64) -> (f64, f6
 
 /// A ramp of slope 1 from 0 on, rounded by two boxes, and its derivatives.
 fn ramp(x: f64, (wide, narrow): (f64, f64)) -> [f64; 4] {
-    // What follows the corner mirrors what precedes it.
+    // The part after the corner mirrors the part before it.
     let y = 0.5 * (wide + narrow) - x.abs();
     let before = if y <= 0.0 {
         [0.0; 4]
@@ -327,7 +327,7 @@ mod tests {
         }
         assert_eq!(cam.at(-cam.run_in_turns()).position, Axes::zeros());
         assert!((cam.at(cam.run_out().1).position - cam.end()).norm() < 1e-12);
-        // Straight where it is to be: 1.5 mm a turn, whatever the corners.
+        // Straight in the middle: 1.5 mm per turn, independent of the corners.
         let middle = cam.at(12.0);
         assert!((middle.position[2] + 18.0).abs() < 1e-12 && (middle.first[2] + 1.5).abs() < 1e-12);
     }

@@ -1,4 +1,4 @@
-//! The retract from a thread that is aborted.
+//! The retract from an aborted thread.
 
 use evolvent_machine::Limits;
 use evolvent_path::Jet;
@@ -11,7 +11,7 @@ use crate::quick_stop::QuickStop;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ThreadRetreat {
     stop: QuickStop,
-    /// The retract; none if the direction is unknown or the target is outside the travel.
+    /// The retract; `None` if the direction is unknown or the target is outside the travel.
     lift: Option<Lift>,
     limits: ScalarLimits,
 }
@@ -20,14 +20,14 @@ pub(crate) struct ThreadRetreat {
 struct Lift {
     axis: usize,
     clear: f64,
-    /// Start position, direction and profile; none while the axis has to stop first.
+    /// Start position, direction and profile; `None` while the axis has to stop first.
     drive: Option<(f64, f64, Profile)>,
     time: f64,
 }
 
 impl ThreadRetreat {
-    /// Begins at the state of the last setpoint. `clear_at`: the axis and the position, mm, at which the tool
-    /// is clear of the thread. Real-time safe.
+    /// A retract from the state of the last setpoint. `clear_at`: the axis and its position, mm, at which the
+    /// tool is clear of the thread. Real-time safe.
     pub(crate) fn new(limits: &Limits, now: &Jet, clear_at: Option<(usize, f64)>) -> Self {
         let of_axis = |axis: usize| ScalarLimits {
             velocity: limits.velocity[axis],
@@ -116,7 +116,7 @@ impl Lift {
         jet.position[axis] = from + sign * now.x;
         (jet.first[axis], jet.second[axis], jet.third[axis]) = (sign * now.v, sign * now.a, sign * jerk);
         if self.is_over() && now.v.abs() < 1e-9 {
-            // Exactly there, and at rest.
+            // Exactly at the target, and at rest.
             jet.position[axis] = self.clear;
             (jet.first[axis], jet.second[axis], jet.third[axis]) = (0.0, 0.0, 0.0);
         }
@@ -132,7 +132,7 @@ mod tests {
 
     const PERIOD_S: f64 = 1e-3;
 
-    /// X while a retreat from this velocity runs; positions from the state of the last setpoint on.
+    /// X during a retract from this velocity; positions relative to the state of the last setpoint.
     fn x_of(limits: &Limits, velocity: f64, clear: f64) -> (Vec<f64>, Jet) {
         let mut now = Jet::at_rest(Axes::zeros());
         (now.first[0], now.first[2]) = (velocity, -20.0);
@@ -176,7 +176,7 @@ mod tests {
                 .windows(2)
                 .map(|pair| ((pair[0] - pair[1]) * clear.signum()).max(0.0))
                 .sum();
-            // From rest to rest a velocity v is given up within 1.5 v^2 / a and what the jerk takes.
+            // From rest to rest a velocity v is removed within 1.5 v^2 / a, plus a distance for the jerk.
             let braking = 1.5 * velocity * velocity / 1000.0 + 1.0;
             if velocity * clear > 0.0 {
                 let first = out[2..].windows(2).take(5);

@@ -1,11 +1,10 @@
 //! Threading: motion that follows the angle of the spindle, between two steps of a plan.
 //!
-//! The plan stands still meanwhile, and is not read on before. The path is a function of the spindle's angle
-//! ([`ThreadCam`](crate::thread_cam::ThreadCam)), so a thread lies in the same groove pass after pass,
-//! whatever the speed is and however the spindle comes to it: the axes start before the angle at which the
-//! thread begins, by as much as they need to be in phase there. A follower of third order drives them along
-//! it: what it adds for a spindle that is not even stays within what the path leaves of acceleration and
-//! jerk.
+//! Meanwhile the plan does not advance, and the program is not read on. The path is a function of the spindle
+//! angle ([`ThreadCam`](crate::thread_cam::ThreadCam)), so every pass is in the same groove, at any speed and
+//! after any changes of speed: the axes start before the angle at which the thread begins, so early that they
+//! are in phase there. A third-order follower drives them along it. Its corrections for an uneven spindle
+//! stay within the acceleration and jerk that the path leaves.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, Jet};
@@ -17,37 +16,39 @@ use crate::setpoint::{Inputs, Setpoint};
 use crate::thread_cam::{ThreadCam, ThreadLeg, ThreadObjection};
 use crate::thread_retreat::ThreadRetreat;
 
-/// How fast an error of the position is made good, 1/s: three equal poles. A third of the rate at most.
+/// Rate at which the follower corrects a position error, 1/s: three equal poles. At most [`FOLLOW_FRACTION`]
+/// of the control rate.
 const FOLLOW_RATE: f64 = 120.0;
 const FOLLOW_FRACTION: f64 = 0.3;
-/// Fraction of acceleration and jerk that following one harmonic of the turn may take. What needs more is
-/// left out.
+/// Fraction of acceleration and jerk that following one harmonic of the turn may use. A larger part of it is
+/// not followed.
 const RIPPLE_FRACTION: f64 = 0.3;
-/// How far the axes may be from where the spindle's angle wants them before the pass is given up, mm.
+/// Maximum distance of the axes from the position for the spindle angle, mm; beyond it the pass is given up.
 const PHASE_TOLERANCE_MM: f64 = 0.1;
-/// How much slower than at the start of a pass the spindle may turn, as a ratio: it is stalled then, or
-/// nearly.
+/// Ratio of the spindle speed to that at the start of a pass below which the spindle counts as stalled.
 const STALL_RATIO: f64 = 0.2;
-/// How long it may be that slow where that is no harm, s, and in turns at its speed: at the reversal of a tap
-/// some drives wait at zero speed, and before the run-in nothing moves, while an encoder of few lines reports
-/// a slow spindle's speed in jumps.
+/// Maximum time below [`STALL_RATIO`] where it does no harm, s, and in turns at the speed of the pass. Some
+/// drives wait at zero speed when a tap reverses. Before the run-in nothing moves, and an encoder of few
+/// lines reports a slow speed in jumps.
 const STALL_TIMEOUT_S: f64 = 0.5;
 const STALL_TIMEOUT_TURNS: f64 = 0.5;
-/// How much longer than at the rate of its braking a spindle may take to turn back.
+/// Factor by which a reversal of the spindle may take longer than its braking rate implies.
 const REVERSAL_MARGIN: f64 = 2.0;
-/// The same faster: no one has requested that.
+/// Ratio of the spindle speed to that at the start of a pass, or to the return speed of a tap, above which
+/// the pass is given up: no command requests such a speed.
 const RUNAWAY_RATIO: f64 = 1.5;
-/// How far beyond its depth a tap may go because the spindle has not turned back yet: so many turns, and what
-/// it turns in so many seconds where nothing is known of its braking.
+/// Maximum distance of a tap beyond its depth while the spindle has not turned back: this number of turns,
+/// plus its turns in this number of seconds if its braking rate is unknown.
 const OVERRUN_TURNS: f64 = 2.0;
 const OVERRUN_S: f64 = 0.5;
 /// Maximum time until the angle of the spindle is reported and known before a pass, s.
 const KNOWLEDGE_TIMEOUT_S: f64 = 10.0;
-/// Turns before the run-in begins, at least: an angle that is just passed is not driven after.
+/// Minimum turns before the run-in begins: the pass does not start at an angle that has just passed.
 const HEAD_START_TURNS: f64 = 0.02;
-/// Duration of the last nanometres, s: what the follower leaves is taken up without a step.
+/// Minimum duration of the final correction, s: it removes the remaining error of the follower without a
+/// step.
 const LANDING_S: f64 = 0.03;
-/// Setpoints of a landing, at least.
+/// Minimum number of setpoints of the final correction.
 const LANDING_STEPS: f64 = 12.0;
 
 /// A spindle that turns back at the end of the thread: rigid tapping.
@@ -55,36 +56,36 @@ const LANDING_STEPS: f64 = 12.0;
 pub struct TapReturn {
     /// Speed out of the hole, turns/s.
     pub turns_per_s: f64,
-    /// How fast the spindle's speed changes, turns/s^2, where that is known: it is turned back that much
-    /// earlier, and the tap stops at the depth. Otherwise it is turned back at the depth, and goes on by what
-    /// the spindle needs.
+    /// Rate at which the spindle changes its speed, turns/s^2, if known: it is reversed that much earlier,
+    /// and the tap stops at the depth. Otherwise it is reversed at the depth, and the tap overruns by the
+    /// distance that the spindle needs.
     pub braking: Option<f64>,
 }
 
 /// A pass as programmed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThreadPass {
-    /// Where it begins, machine coordinates (mm, degrees).
+    /// Start position, machine coordinates (mm, degrees).
     pub start: Axes,
     /// Its straight pieces.
     pub legs: Box<[ThreadLeg]>,
-    /// Angle at which it begins, as a part of a turn from the index pulse: 0 but for threads of several
-    /// starts.
+    /// Angle at which it begins, as a fraction of a turn from the index pulse: 0 except for multi-start
+    /// threads.
     pub start_turns: f64,
     /// Commanded speed, turns/s, negative counter-clockwise.
     pub turns_per_s: f64,
     /// The spindle turns back at the end, and the axes with it to the start.
     pub tap: Option<TapReturn>,
-    /// An axis and its position at which the tool is clear of the thread: where a pass is given up it is
-    /// drawn out there.
+    /// An axis and its position at which the tool is clear of the thread: an aborted pass retracts to it.
     pub clear_at: Option<(usize, f64)>,
 }
 
 impl ThreadPass {
-    /// Whether a machine can cut this at the commanded speed: the run-in, mm along the first leg.
+    /// Whether a machine can cut this thread at the commanded speed. Returns the run-in, mm along the first
+    /// leg.
     ///
     /// # Errors
-    /// What it cannot keep.
+    /// The limit that it cannot keep.
     pub fn check(&self, limits: &Limits, period_s: f64) -> Result<f64, ThreadObjection> {
         let mut cam = ThreadCam::new(self.start, self.legs.clone(), self.tap.is_some());
         let out = self.tap.map_or(0.0, |tap| tap.turns_per_s);
@@ -100,11 +101,11 @@ impl ThreadPass {
 /// How a pass has ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ThreadVerdict {
-    /// At its end; of a tap, back at its start.
+    /// At its end; for a tap, back at its start.
     Done,
     /// The spindle angle is not reported, or its index pulse was not seen: nothing has moved.
     Unknown,
-    /// At the speed that the spindle has it cannot be cut: nothing has moved.
+    /// It cannot be cut at the present spindle speed: nothing has moved.
     Refused(ThreadObjection),
     /// The spindle angle is no longer reported: the axes have stopped.
     Lost,
@@ -116,36 +117,36 @@ pub enum ThreadVerdict {
     NotTurnedBack,
 }
 
-/// What came of a pass.
+/// The result of a pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThreadResult {
-    /// How it has ended.
+    /// How the pass has ended.
     pub verdict: ThreadVerdict,
-    /// Where the axes stand.
+    /// Final position of the axes.
     pub stands_at: Axes,
-    /// It was given up, and the tool drawn out of the thread.
+    /// It was given up, and the tool was retracted from the thread.
     pub is_clear: bool,
-    /// Largest distance of an axis from where the angle wanted it, mm, once it was in phase.
+    /// Maximum distance of an axis from the position for the spindle angle, mm, once it was in phase.
     pub worst_mm: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "a box would be allocated in the cycle")]
 enum Phase {
-    /// At rest before the pass, for so long.
+    /// At rest before the pass, for this many seconds.
     Waiting(f64),
-    /// Following. `turned`: the spindle was told to turn back.
+    /// Following the spindle. `turned`: the spindle has been commanded to turn back.
     Following {
         turned: bool,
     },
-    /// Taking up what the follower has left.
+    /// Removing the remaining error of the follower.
     Landing(Landing),
     /// Given up.
     Stopping(ThreadRetreat, ThreadVerdict),
     Over(ThreadVerdict),
 }
 
-/// Polynomials of fifth degree from a state nearly at rest to rest.
+/// Quintic polynomials from a state nearly at rest to rest.
 #[derive(Clone, Copy, Debug)]
 struct Landing {
     end: Axes,
@@ -162,7 +163,7 @@ impl Landing {
             let (limit_a, limit_j) = (limits.acceleration[axis], limits.jerk[axis]);
             if limits.present[axis] {
                 // A third of each limit for each of distance, speed and acceleration: the extremes of the
-                // polynomial are 60, 36 and 9 of jerk, 5.8, 4 and 1 of acceleration.
+                // polynomial are 60, 36 and 9 for jerk, and 5.8, 4 and 1 for acceleration.
                 duration = duration
                     .max(libm::cbrt(180.0 * e / limit_j))
                     .max((108.0 * v / limit_j).sqrt())
@@ -173,7 +174,8 @@ impl Landing {
         }
         let mut coefficients = [[0.0; 3]; AXES];
         for (axis, of) in coefficients.iter_mut().enumerate() {
-            // By the time that is left, tau: e = c3 tau^3 + c4 tau^4 + c5 tau^5 rests at tau = 0.
+            // As a function of the remaining time tau: e = c3 tau^3 + c4 tau^4 + c5 tau^5 is at rest at tau =
+            // 0.
             let (t, e) = (duration, from.position[axis] - end[axis]);
             let (v, a) = (from.first[axis], from.second[axis]);
             *of = [
@@ -211,9 +213,9 @@ impl Landing {
     }
 }
 
-/// A pass, driven setpoint by setpoint. Built outside the cycle and handed over in a box by a
+/// A pass, driven setpoint by setpoint. It is built outside the cycle and passed in a box by a
 /// [`ThreadingSender`](crate::ThreadingSender), before the plan's
-/// [`Step::Thread`](evolvent_planner::Step::Thread), which hands it back with its result.
+/// [`Step::Thread`](evolvent_planner::Step::Thread), and returned with its result.
 #[derive(Clone, Debug)]
 pub struct Threading {
     cam: ThreadCam,
@@ -223,13 +225,13 @@ pub struct Threading {
     tap: Option<TapReturn>,
     clear_at: Option<(usize, f64)>,
     phase: Phase,
-    /// Angle of the spindle at which the thread begins, turns the way it turns.
+    /// Angle of the spindle at which the thread begins, turns in the direction of rotation.
     origin: Option<f64>,
     /// Speed at the start of the pass.
     begun_at: f64,
-    /// What of each harmonic is followed, 0 to 1.
+    /// The fraction of each harmonic that is followed, 0 to 1.
     followed_fractions: [f64; 3],
-    /// How long the spindle has been slower than [`STALL_RATIO`], s.
+    /// Time for which the spindle has been slower than [`STALL_RATIO`], s.
     slow_s: f64,
     /// Last angle since the origin, and its speed.
     turns: f64,
@@ -239,7 +241,7 @@ pub struct Threading {
     result: Option<ThreadResult>,
 }
 
-/// What a setpoint of a pass does beside moving.
+/// Effects of a setpoint of a pass other than motion.
 struct Driven {
     jet: Jet,
     /// The next action of the program takes effect: the spindle turns back, or forward again.
@@ -278,7 +280,7 @@ impl Threading {
         }
     }
 
-    /// What came of it, once it is over.
+    /// The result, once the pass is over.
     #[must_use]
     pub fn result(&self) -> Option<ThreadResult> {
         self.result
@@ -293,8 +295,8 @@ impl Threading {
         }
     }
 
-    /// Angle the way the spindle turns, its speed and acceleration, and the third derivative of what is
-    /// followed of its ripple.
+    /// Angle in the direction of rotation, its speed and acceleration, and the third derivative of the
+    /// followed part of its ripple.
     fn angle(&self, spindle: &SpindleInput) -> Option<(AngleJet, f64)> {
         match spindle.knowledge {
             SpindleKnowledge::Tracked | SpindleKnowledge::Imagined => {
@@ -314,7 +316,7 @@ impl Threading {
         }
     }
 
-    /// Chooses what of the spindle's ripple the axes can follow.
+    /// Chooses the fractions of the spindle's ripple that the axes can follow.
     fn choose_ripple(&mut self, spindle: &SpindleInput) {
         let steepest = self.cam.steepest();
         for ((order, ripple), share) in spindle
@@ -335,14 +337,14 @@ impl Threading {
                         .min(RIPPLE_FRACTION * self.limits.acceleration[axis] / acceleration);
                 }
             }
-            // A ripple of nothing divides by nothing.
+            // A ripple of zero gives NaN.
             if share.is_nan() {
                 *share = 1.0;
             }
         }
     }
 
-    /// At rest before the pass: begins it when the angle comes near.
+    /// At rest before the pass: starts it when the angle approaches.
     fn wait(&mut self, spindle: &SpindleInput, waited: f64, period_s: f64) {
         let Some((angle, _)) = self.angle(spindle) else {
             self.phase = if waited > KNOWLEDGE_TIMEOUT_S {
@@ -353,7 +355,7 @@ impl Threading {
             return;
         };
         if spindle.knowledge == SpindleKnowledge::Imagined && angle[2] != 0.0 {
-            // No wait of the program has seen it reach its speed; it will.
+            // No wait of the program has seen the spindle reach its speed; it will.
             return;
         }
         if angle[1] < STALL_RATIO * self.turns_per_s.abs() {
@@ -364,7 +366,7 @@ impl Threading {
             };
             return;
         }
-        // A tap comes out by the way that it went in, and perhaps faster.
+        // A tap returns along the same path, and perhaps faster.
         let fastest = self.tap.map_or(angle[1], |tap| angle[1].max(tap.turns_per_s));
         if let Err(objection) = self.cam.shape(fastest, &self.limits, period_s) {
             self.phase = Phase::Over(ThreadVerdict::Refused(objection));
@@ -372,15 +374,15 @@ impl Threading {
         }
         self.choose_ripple(spindle);
         self.begun_at = angle[1];
-        // The next turn whose run-in lies ahead.
+        // The next turn whose run-in is still ahead.
         let head_start = HEAD_START_TURNS + 2.0 * angle[1] * period_s;
         let begins = angle[0] + head_start + self.cam.run_in_turns() - self.start_turns;
         self.origin = Some(begins.ceil() + self.start_turns);
         self.phase = Phase::Following { turned: false };
     }
 
-    /// Gives the pass up: every axis stops by itself, and the tool is drawn out if it is known which way.
-    /// Each axis stops sooner than the run-out would, so none overshoots the end.
+    /// Gives the pass up: every axis stops on its own, and the tool is retracted if the direction is known.
+    /// Each axis stops sooner than in the run-out, so none overshoots the end.
     fn give_up(&mut self, verdict: ThreadVerdict) {
         self.phase = Phase::Stopping(
             ThreadRetreat::new(&self.limits, &self.now, self.clear_at),
@@ -392,7 +394,7 @@ impl Threading {
         let (run_out, ended) = self.cam.run_out();
         let (angle, third) = match self.angle(spindle) {
             Some((angle, third)) => ([angle[0] - self.origin.unwrap_or(0.0), angle[1], angle[2]], third),
-            // It ends here in any case, by the last speed that was known.
+            // The pass ends here in any case, with the last known speed.
             None if self.turns >= run_out => ([self.turns + self.speed * period_s, self.speed, 0.0], 0.0),
             None => {
                 self.give_up(ThreadVerdict::Lost);
@@ -439,7 +441,7 @@ impl Threading {
             self.land(self.cam.end(), period_s);
             return false;
         }
-        // As it turns back it may still be fast the other way.
+        // While it turns back it may still be fast in the other direction.
         let is_slow = if turned { ratio.abs() } else { ratio } < STALL_RATIO;
         if is_slow {
             self.slow_s += period_s;
@@ -452,12 +454,12 @@ impl Threading {
         false
     }
 
-    /// How fast the spindle turns back, turns/s^2.
+    /// Braking rate of the spindle, turns/s^2.
     fn braking(&self, tap: TapReturn) -> f64 {
         tap.braking.unwrap_or(self.begun_at / (2.0 * OVERRUN_S))
     }
 
-    /// How long the spindle may be slower than [`STALL_RATIO`] at this part of the pass, s.
+    /// Maximum time for which the spindle may be slower than [`STALL_RATIO`] in this part of the pass, s.
     fn stall_timeout(&self, turned: bool, has_begun: bool) -> f64 {
         let patience = |turns_per_s: f64| STALL_TIMEOUT_S.max(STALL_TIMEOUT_TURNS / turns_per_s);
         match self.tap {
@@ -477,7 +479,7 @@ impl Threading {
         let rate = FOLLOW_RATE.min(FOLLOW_FRACTION / t);
         let before = self.now;
         for axis in 0..AXES {
-            // Where it should have been one period ago, by the same course.
+            // The position one period ago on the same course.
             let [x, v, a, j] = [
                 want.position[axis],
                 want.first[axis],
@@ -506,7 +508,7 @@ impl Threading {
         }
     }
 
-    /// One period of landing or stopping.
+    /// One period of the final correction or of stopping.
     fn come_to_rest(&mut self, period_s: f64) {
         match &mut self.phase {
             Phase::Landing(landing) => {
@@ -529,7 +531,7 @@ impl Threading {
         self.phase = Phase::Landing(Landing::new(&self.now, end, &self.limits, period_s));
     }
 
-    /// One period: `hold` and `stop` as asked for.
+    /// One period; `hold` and `stop` are those of the inputs.
     fn advance(&mut self, spindle: &SpindleInput, hold: bool, stop: bool, period_s: f64) -> Driven {
         let mut acts = false;
         match self.phase {
@@ -573,8 +575,7 @@ impl PathExecutor {
         if acts {
             self.cursor.actions += 1;
         }
-        // A held pass is driven to its end: a tool that stands in a groove that turns would spoil it, or
-        // break.
+        // A held pass is driven to its end: a tool that stops in a turning groove would spoil it, or break.
         let is_held = inputs.hold && !self.stop;
         self.cursor.state = self.takeover_state(is_held, is_at_rest);
         if is_over && !self.stop {

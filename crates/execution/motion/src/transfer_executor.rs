@@ -7,13 +7,13 @@ use evolvent_transfer::Transfer;
 use crate::quick_stop::QuickStop;
 use crate::state::State;
 
-/// How well the state that a transfer begins with must be met by the present one: places in mm or degrees,
-/// and velocity and acceleration as a share of their limits.
+/// Tolerance between the start of a transfer and the present state: positions in mm or degrees, velocity and
+/// acceleration as fractions of their limits.
 const FIT: (f64, f64) = (1e-6, 1e-5);
 
-/// A solved transfer, or a stop of each axis by itself, driven setpoint by setpoint.
+/// A solved transfer, or a stop of each axis on its own, driven setpoint by setpoint.
 ///
-/// A plain value of about 12 kB: build it outside the cycle and hand it over in a box.
+/// A plain value of about 12 kB: build it outside the cycle and pass it in a box.
 #[derive(Clone, Copy, Debug)]
 pub struct TransferExecutor {
     transfer: Transfer,
@@ -41,8 +41,8 @@ impl TransferExecutor {
         &self.transfer
     }
 
-    /// Stops from the next setpoint on, each axis within its acceleration and jerk. A transfer that ends at
-    /// rest at the edge of the travel does so before it. Real-time safe.
+    /// Stops from the next setpoint on, each axis within its acceleration and jerk. If the transfer ends at
+    /// rest at the edge of the travel, the stop does not pass that edge. Real-time safe.
     pub fn stop(&mut self) {
         self.stopping = true;
     }
@@ -68,8 +68,8 @@ impl TransferExecutor {
         }
     }
 
-    /// Goes on with another transfer if that begins where the axes are in the last setpoint; otherwise
-    /// nothing changes. Real-time safe.
+    /// Continues with another transfer if it begins at the state of the last setpoint; otherwise nothing
+    /// changes. Real-time safe.
     pub(crate) fn turn_to(&mut self, transfer: &Transfer, last: &Jet, limits: &Limits) -> bool {
         let fits = !self.stopping && fits(transfer, last, limits);
         if fits {
@@ -79,7 +79,7 @@ impl TransferExecutor {
         fits
     }
 
-    /// Position and derivatives one period later, and what the cycle is doing then.
+    /// Position, derivatives and state of the cycle one period later.
     pub(crate) fn advance(&mut self, period: f64, last: &Jet, limits: &Limits) -> (Jet, State) {
         if self.stopping && self.stop.is_none() {
             self.stop = Some(QuickStop::new(limits, last.position, last));

@@ -1,4 +1,4 @@
-//! The cycle does not allocate: counted, not believed.
+//! The cycle does not allocate, measured by a counting allocator.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use evolvent_counting::calls;
@@ -33,7 +33,7 @@ fn the_cycle_does_not_allocate() {
             };
             let before = calls();
             let setpoint = pair.step(&inputs);
-            // Hand-over, as the loop does it.
+            // Hand-over, as in the loop.
             let _full = producer.push(setpoint);
             let _taken = consumer.pop();
             counted += calls() - before;
@@ -48,13 +48,13 @@ fn the_cycle_does_not_allocate() {
     assert!(cycles > 5_000, "only {cycles} cycles: proves nothing");
 }
 
-/// A process that swings out 30 mm along X and back, at a rate that follows the override, and may give up on
-/// the way.
+/// A process that swings out 30 mm along X and back, at a rate that follows the override, and may fail before
+/// it is done.
 #[derive(Debug)]
 struct OutAndBack {
     start: Axes,
     phase: f64,
-    /// Of the phase, rad/s.
+    /// Rate of the phase, rad/s.
     rate: f64,
     fails_at_mm: f64,
     jumps_at_mm: f64,
@@ -63,7 +63,7 @@ struct OutAndBack {
 impl OutAndBack {
     const RADIUS_MM: f64 = 15.0;
     const RATE: f64 = 2.0;
-    /// By how much the rate changes in a cycle.
+    /// Change of the rate per cycle.
     const STEP: f64 = 0.02;
 
     fn new(start: Axes) -> Self {
@@ -118,7 +118,7 @@ impl ProcessCycle for OutAndBack {
 
 const PERIOD_S: f64 = 0.001;
 
-/// What happens to a process cycle.
+/// The fate of a process cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Scene {
     HeldAndSlowed,
@@ -127,8 +127,8 @@ enum Scene {
     BeyondLimits,
 }
 
-/// The states that two process cycles in a plan go through, the last setpoint's position, and calls of the
-/// allocator.
+/// The states of a plan with two process cycles, the position of the last setpoint, and the number of calls
+/// of the allocator.
 fn drive_processes(scene: Scene) -> (Vec<State>, PathExecutor, Axes, u64) {
     let limits = Limits {
         present: [true; AXES],
@@ -141,7 +141,7 @@ fn drive_processes(scene: Scene) -> (Vec<State>, PathExecutor, Axes, u64) {
     };
     let (mut producer, mut queue) = plan_queue(|| true);
     let mut sender = producer.take_processes().expect("the way of process cycles");
-    // The first is handed back while the second runs.
+    // The first is returned while the second runs.
     for line in [1, 2] {
         let mut process = OutAndBack::new(Axes::zeros());
         if line == 2 {

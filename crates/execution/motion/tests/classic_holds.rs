@@ -1,4 +1,4 @@
-//! Holds along plans of the classic planner, whose runs are far shorter than a stop.
+//! Holds along plans of the classic planner with runs far shorter than a stop.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use evolvent_machine::PlannerKind;
@@ -7,7 +7,7 @@ use evolvent_path::{Axes, Curve, Line, Move, MoveKind, PathMode};
 
 use crate::common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, limits, program, ratios};
 
-/// A path of chords: length of each, mm, and how far they are off a wave, mm.
+/// A path of chords: the length of each, mm, and the amplitude of their deviation from a wave, mm.
 struct Chords {
     length: f64,
     rough: f64,
@@ -47,9 +47,9 @@ fn shortest_stop(speed: f64, acceleration: f64, jerk: f64) -> f64 {
     }
 }
 
-/// Runs last 2 to 8 ms here, a stop from 65 mm/s at least 72 ms. Of jerk a run has what curvature at its
-/// highest speed leaves, 0.15 to 0.3 of the axes': within that a stop takes 1.8 to 2.5 times the time. Run by
-/// run it takes up to nine times.
+/// Runs last 2 to 8 ms here, a stop from 65 mm/s at least 72 ms. The jerk limit of a run is what curvature at
+/// its maximum speed leaves, 0.15 to 0.3 of that of the axes: within it a stop takes 1.8 to 2.5 times as
+/// long. Run by run it takes up to nine times as long.
 #[test]
 fn a_hold_over_many_short_runs_is_one_stop() {
     let machine = equal_axes(300.0, 2000.0, 50_000.0);
@@ -98,13 +98,13 @@ fn a_hold_over_many_short_runs_is_one_stop() {
     }
 }
 
-/// Presses and releases holds, and changes the override, at random.
+/// Sets and releases holds, and changes the override, at random.
 struct Hands {
     random: Random,
     inputs: Inputs,
     next: usize,
     period_s: f64,
-    /// The highest override so far.
+    /// The maximum override so far.
     most: f64,
 }
 
@@ -177,7 +177,7 @@ fn holds_and_overrides_at_any_moment_keep_every_limit_whatever_the_planner_does(
         if seconds * rate > 1e5 {
             continue;
         }
-        // In time, late, or gone for a while.
+        // In time, late, or absent for a while.
         let planner = random.pick(3);
         let what = format!("case {case}, {rate} Hz, planner {planner}");
         let mut hands = Hands::new(&mut random, 1.0 / rate);
@@ -231,8 +231,7 @@ fn holds_and_overrides_at_any_moment_keep_every_limit_whatever_the_planner_does(
     println!("worst ratios of velocity, acceleration, jerk: {most:.5?}");
 }
 
-/// The same setpoints come of the same inputs where the planner is far ahead, and is taken to be as late as
-/// it was.
+/// The same inputs give the same setpoints if the planner is far ahead and replayed with its recorded lag.
 fn assert_repeats(scenario: &Scenario, met: &[(Inputs, PlannerLag)], out: &[Setpoint], what: &str) {
     let mut pair = Pair::new(scenario);
     for ((inputs, lag), setpoint) in met.iter().zip(out) {

@@ -1,4 +1,4 @@
-//! The same program gives the same bits, however its text happened to arrive; and a hold answers in time.
+//! The same program gives the same bits, however its text arrives, and a hold acts in time.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -17,7 +17,7 @@ fn inputs(cycle: u64) -> Inputs {
     }
 }
 
-/// Feeds the moves in lumps of up to `lump`, and only when the cycle would have to wait.
+/// Pushes the moves in groups of up to `lump`, and only when the cycle would have to wait.
 fn run_in_lumps(scenario: &Scenario, random: &mut Random, lump: usize) -> (Vec<Setpoint>, PathExecutor) {
     let mut pair = Pair::new(scenario);
     let mut out = Vec::new();
@@ -52,7 +52,7 @@ fn setpoints_do_not_depend_on_how_the_program_arrived() {
     for case in 0..cases {
         let mode = if case % 2 == 0 { BLEND } else { PathMode::ExactPath };
         let mut one = scenario(&mut random, mode, case % 3 == 0);
-        // There and back again until there are more steps than a cycle waits for.
+        // To and fro until there are more steps than a cycle waits for.
         while one.moves.len() < 3 * STEPS_AHEAD as usize {
             let back: Vec<Move> = one.moves.iter().rev().copied().collect();
             one.moves.extend(back.into_iter().map(|one| Move {
@@ -99,17 +99,18 @@ fn straight(limits: Limits, moves: usize, length: f64, feeds: [f64; 2], period_n
     }
 }
 
-/// At 35 kHz nearly every third stop has a setpoint so close to its end that rounding cannot tell them apart.
+/// At 35 kHz nearly every third stop has a setpoint so close to its end that rounding cannot distinguish
+/// them.
 #[test]
 fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
     let limits = equal_axes(500.0, 5000.0, 100_000.0);
     let mut one = straight(limits, 60, 1.0, [10.0, 20.0], 28_571);
     one.planner = PlannerKind::Optimal;
     for (k, motion) in one.moves.iter_mut().enumerate() {
-        // Each takes another time.
+        // The moves differ in duration.
         motion.feed_mm_s += 0.037 * k as f64;
     }
-    // After each move a command of the periphery's, as M8 is.
+    // After each move an action of the periphery, such as M8.
     let feed = |pair: &mut Pair| {
         let move_number = pair.fed as u32;
         pair.feed(&one);
@@ -121,7 +122,7 @@ fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
             pair.planner.rest(&step).expect("plan");
         }
     };
-    // Known long before, as where the planner is fast, and not before the axes rest.
+    // Known long before, as with a fast planner, and only after the axes are at rest.
     let (mut early, mut late) = (Pair::new(&one), Pair::new(&one));
     (0..=one.moves.len()).for_each(|_| feed(&mut early));
     let mut near = 0;
@@ -136,7 +137,7 @@ fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
         assert_eq!(a, b, "cycle {cycle}");
         let to_stop = a.path_mm.round() - a.path_mm;
         near += u32::from(a.velocity[0] > 0.0 && to_stop.abs() < 1e-11);
-        // A move's line is its own from its first setpoint in motion to its last.
+        // The line of a move is reported from its first setpoint in motion to its last.
         let moved = a.path_mm - f64::from(a.line - 1);
         let is_own = (-1e-9..=1.0 + 1e-9).contains(&moved);
         assert!(is_own || early.motion.is_over(), "cycle {cycle}: {a:?}");
@@ -146,7 +147,7 @@ fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
 }
 
 /// 36 m in 6 mm blocks on a machine so weak that no speed is settled before the end is known: half of the
-/// steps that the look-ahead holds are made final unsettled.
+/// steps that the look-ahead holds become final by count.
 #[test]
 fn steps_made_final_for_want_of_room_are_the_same_steps_and_keep_every_limit() {
     let scenario = straight(equal_axes(1e4, 50.0, 1e6), 6000, 6.0, [2500.0, 2500.1], 4_000_000);
@@ -155,7 +156,7 @@ fn steps_made_final_for_want_of_room_are_the_same_steps_and_keep_every_limit() {
     assert!(setpoints.iter().all(|s| s.flags & flags::STARVED == 0));
     let (setpoints, motion) = run(&scenario, |_| Inputs::default());
     check(&scenario, &setpoints, &motion, 1e-6, "weak");
-    // All acceleration, then all braking.
+    // Full acceleration, then full braking.
     let best = 2.0 * (36_000.0_f64 / 50.0).sqrt();
     let took = setpoints.len() as f64 * 0.004;
     assert!(
@@ -164,7 +165,7 @@ fn steps_made_final_for_want_of_room_are_the_same_steps_and_keep_every_limit() {
     );
 }
 
-/// From speed `v` without acceleration, braking takes `2 sqrt(v/J)` where that keeps `A`, else `A/J + v/A`.
+/// From speed `v` without acceleration, braking takes `2 sqrt(v/J)` if that keeps `A`, else `A/J + v/A`.
 #[test]
 fn a_hold_on_a_straight_line_takes_no_longer_than_the_limits_demand() {
     for (velocity, acceleration, jerk) in [
@@ -192,7 +193,7 @@ fn a_hold_on_a_straight_line_takes_no_longer_than_the_limits_demand() {
             acceleration / jerk + velocity / acceleration
         };
         let took = (rest - moment as usize + 1) as f64 * 250e-6;
-        // A hundredth of the jerk is kept as a margin; and the cycle in which the hold came in.
+        // A hundredth of the jerk is a margin; plus the cycle in which the hold arrives.
         assert!(
             took >= least && took <= least * 1.006 + 2.0 * 250e-6,
             "{took} s, at least {least} s"

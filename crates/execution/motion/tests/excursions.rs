@@ -12,7 +12,7 @@ use evolvent_transfer::{AxesState, Sync, Transfer};
 
 use crate::common::{BLEND, PLANNERS, Pair, Random, Scenario, campaign, path_error, ratios, scenario};
 
-/// A machine that follows a scenario, as a served cycle does.
+/// A machine that follows a scenario, as in a served cycle.
 struct Machine<'a> {
     scenario: &'a Scenario,
     pair: Pair,
@@ -39,7 +39,7 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// The program's setpoint, and what was published where an excursion has the axes.
+    /// The program's setpoint, and the published one during an excursion.
     fn step(&mut self, hold: bool, away: Option<&mut Excursion>) -> (Setpoint, Option<ExcursionEnd>) {
         if !hold {
             self.pair.plan_ahead(self.scenario);
@@ -69,7 +69,7 @@ impl<'a> Machine<'a> {
         (setpoint, ended)
     }
 
-    /// Until it stands.
+    /// Until it is held.
     fn holds(&mut self) {
         while self.pair.motion.state() != State::Held {
             self.step(true, None);
@@ -77,7 +77,7 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// Until the present motion ends; `Some(n)`: with a stop after `n` setpoints.
+    /// Until the present motion ends. `Some(n)`: with a stop after `n` setpoints.
     fn follows(&mut self, away: &mut Excursion, stop_after: Option<usize>) -> ExcursionEnd {
         for n in 0..4_000_000 {
             if stop_after == Some(n) {
@@ -104,11 +104,11 @@ impl<'a> Machine<'a> {
         self.follows(away, stop_after)
     }
 
-    /// Until the program has the axes again.
+    /// Until the axes are back at the program.
     fn is_back(&mut self, away: &mut Excursion) {
         for _ in 0..10 {
             if away.give_back(&self.station, &mut self.pair.motion) {
-                // The guard goes by four positions.
+                // The guard uses four positions.
                 let rests = self.out.iter().rev().take(4);
                 let held = self.pair.motion.next_sequence();
                 assert!(rests.clone().count() == 4 && held == self.station.sequence());
@@ -141,7 +141,7 @@ fn tail(out: &[Setpoint], from: usize) -> Vec<Setpoint> {
         .collect()
 }
 
-/// Whether setpoints are the same to the last bit.
+/// Whether setpoints are equal to the last bit.
 fn is_same(a: &[Setpoint], b: &[Setpoint]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| format!("{a:?}") == format!("{b:?}"))
 }
@@ -156,12 +156,12 @@ fn random_scenario(random: &mut Random, case: usize) -> Scenario {
         planner: PLANNERS[case % 2],
         ..scenario(random, mode, case.is_multiple_of(5))
     };
-    // The first of its moves, so that a run lasts seconds.
+    // Only the first moves, so that a run lasts seconds.
     scenario.moves.truncate(8);
     scenario
 }
 
-/// A moment at which the program moves, by a run without holds.
+/// A moment at which the program moves, taken from a run without holds.
 fn moment(random: &mut Random, scenario: &Scenario) -> usize {
     let mut machine = Machine::new(scenario);
     machine.ends();
@@ -191,7 +191,7 @@ fn a_program_that_was_left_goes_on_to_the_last_bit_as_if_it_had_not_been() {
         let mut away = Excursion::begin(&machine.pair.motion).expect("it stands");
         left += 1;
         let begin = machine.out.len();
-        // Backwards along the path, away from there, and all the way back.
+        // Backwards along the path, jogs from there, and all the way back.
         let known = away.blocks_before(&machine.driven);
         if known > 0 && random.unit() < 0.7 {
             let back = 1 + random.pick(known as usize) as u32;
@@ -230,7 +230,7 @@ fn a_program_that_was_left_goes_on_to_the_last_bit_as_if_it_had_not_been() {
         }
         places.pop();
         for mut place in places.into_iter().rev() {
-            // Jogs by increments come back to within rounding.
+            // Jogs by increments return to within rounding.
             place[0] += random.one_of(&[0.0, 1e-12, -3e-10]);
             machine.jogs(&mut away, place, None);
         }
@@ -241,7 +241,7 @@ fn a_program_that_was_left_goes_on_to_the_last_bit_as_if_it_had_not_been() {
         machine.is_back(&mut away);
         assert_eq!(machine.station.position().as_slice(), held.as_slice());
         let resumed = machine.out.len();
-        // The other one stands as long.
+        // The other machine is held for the same time.
         while plain.out.len() < resumed {
             plain.step(true, None);
         }
@@ -254,7 +254,7 @@ fn a_program_that_was_left_goes_on_to_the_last_bit_as_if_it_had_not_been() {
         assert_eq!(machine.pair.motion.fault(), None, "case {case}");
         let [v, a, j] = ratios(&scenario, &machine.out);
         assert!(v <= 1.001 && a <= 1.001 && j <= 1.02, "case {case}: {v} {a} {j}");
-        // The program's guard has seen the excursion too.
+        // The guard of the program has also seen the excursion.
         let fastest = |axis: usize| {
             let moved = |pair: &[Setpoint]| (pair[1].position[axis] - pair[0].position[axis]).abs();
             machine.out.windows(2).map(moved).fold(0.0, f64::max) / (1e-9 * scenario.period_ns as f64)
@@ -315,7 +315,7 @@ fn a_path_that_is_driven_backwards_is_the_one_that_was_driven() {
             let jerk = scenario.limits.jerk;
             let jerk = jerk.iter().take(3).map(|j| j * j).sum::<f64>().sqrt();
             let apart_s = 1e-9 * scenario.period_ns.max(1_000_000) as f64;
-            // The derived error of the quintics, and what finding the nearest point of the path leaves.
+            // The derived error of the quintics, plus the error of the nearest point on the path.
             let bound = 1.02 * jerk * apart_s.powi(3) / 161.0 + 1e-8;
             (most, seen, share) = (most.max(error), seen + 1, share.max(error / bound));
         }
@@ -346,8 +346,7 @@ fn a_program_that_moves_is_not_left_and_an_action_begins_the_path_anew() {
         let stands = machine.pair.motion.state() != State::Running;
         assert!(Excursion::begin(&machine.pair.motion).is_none() || stands);
     }
-    // An output that is safe while the feed is held does not restart the stored path; an output of the
-    // program does.
+    // An output that is safe in a feed hold does not clear the stored path; an output of the program does.
     machine.holds();
     let last = *machine.out.last().expect("setpoints");
     machine.pair.motion.note_driven(&mut machine.driven, &last, true);
@@ -361,12 +360,12 @@ fn a_program_that_moves_is_not_left_and_an_action_begins_the_path_anew() {
         .pair
         .motion
         .note_driven(&mut machine.driven, &running, true);
-    // What is barred is the start of what is known: nothing lies before it.
+    // The stored path begins with the barred motion: no block start precedes it.
     assert_eq!(machine.driven.blocks_driven(), 0);
     let mut away = Excursion::begin(&machine.pair.motion).expect("it stands");
     assert!(!away.retrace(&machine.station, &mut machine.driven, &scenario.limits, 1));
     assert!(!away.is_moving());
-    // A transfer that begins elsewhere is handed back.
+    // A transfer that begins elsewhere is returned.
     let there = AxesState::at_rest(machine.station.position() + Axes::repeat(0.01));
     let here = AxesState::at_rest(machine.station.position());
     let wrong = Transfer::solve(&scenario.limits, &there, &here, Sync::Time).expect("a way");

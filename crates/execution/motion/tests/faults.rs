@@ -1,4 +1,4 @@
-//! What happens when the plan stops coming, or is wrong.
+//! Plans that stop arriving, and plans that are wrong.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -32,7 +32,7 @@ fn a_planner_that_dies_at_any_moment_leaves_a_machine_that_stops_on_the_path() {
             scenario.period_ns,
             scenario.moves[0].curve.start(),
         );
-        // Moves trickle in while the machine runs, and cease at a random one.
+        // Moves arrive slowly while the machine runs, and stop at a random one.
         let last = random.pick(scenario.moves.len());
         let every = random.log(1.0, 300.0) as usize;
         let mut setpoints = Vec::new();
@@ -63,14 +63,14 @@ fn a_planner_that_dies_at_any_moment_leaves_a_machine_that_stops_on_the_path() {
     }
 }
 
-/// What the cycle enters still changes after it.
+/// Steps may still change after the cycle has entered them.
 #[test]
 fn overrides_while_the_planner_is_close_behind_keep_every_limit() {
     let (mut random, cases) = campaign(0xdead_0002, 5);
     let mut starved = 0;
     for case in 0..cases {
         let mut scenario = scenario(&mut random, PathMode::ExactPath, false);
-        // Straight blocks of a few milliseconds each: the plan changes with every look at it.
+        // Straight blocks of a few milliseconds each: the plan changes with every new block.
         let mut at = Axes::zeros();
         scenario.moves = (0..400)
             .map(|_| {
@@ -184,7 +184,7 @@ fn lie(segments: &[Segment], limits: ScalarLimits, exits: &[f64]) -> evolvent_mo
     queue
 }
 
-/// Runs until nothing moves and returns the largest |velocity|, |acceleration|, |jerk| of X as published.
+/// Runs until nothing moves and returns the maximum |velocity|, |acceleration|, |jerk| of X as published.
 fn published(motion: &mut PathExecutor, queue: &mut evolvent_motion::PlanConsumer, rate: f64) -> [f64; 3] {
     let mut past = [0.0; 4];
     let mut most = [0.0_f64; 3];
@@ -209,7 +209,7 @@ fn published(motion: &mut PathExecutor, queue: &mut evolvent_motion::PlanConsume
 #[test]
 fn the_guard_stops_a_plan_that_would_break_the_velocity_limit() {
     let limits = one_axis(100.0, 2000.0, 50_000.0);
-    // A plan for a machine twice as fast, but no stronger.
+    // A plan for a machine with twice the speed and the same acceleration and jerk.
     let scalar = ScalarLimits {
         velocity: 200.0,
         acceleration: 2000.0,
@@ -222,7 +222,7 @@ fn the_guard_stops_a_plan_that_would_break_the_velocity_limit() {
     assert_eq!(fault.quantity, evolvent_motion::Quantity::Velocity);
     assert_eq!(motion.state(), State::Fault);
     assert!(motion.is_over());
-    // It may only pass the velocity limit while acceleration is brought down: a^2 / (2 J) at most.
+    // It may pass the velocity limit only while acceleration is reduced: by at most a^2 / (2 J).
     assert!(v <= 100.0 + 2000.0 * 2000.0 / 100_000.0 + 1.0, "{v}");
     assert!(a <= 2000.0 * 1.001 && j <= 50_000.0 * 1.02, "{a} {j}");
 }
@@ -230,7 +230,7 @@ fn the_guard_stops_a_plan_that_would_break_the_velocity_limit() {
 #[test]
 fn the_guard_stops_each_axis_where_even_braking_on_the_path_breaks_a_limit() {
     let limits = one_axis(200.0, 2000.0, 50_000.0);
-    // Jerk ten times too high: refused at the first setpoint, and no profile of this run is any better.
+    // Jerk ten times too high: rejected at the first setpoint, and no other profile of this run is better.
     let scalar = ScalarLimits {
         velocity: 200.0,
         acceleration: 2000.0,
@@ -264,11 +264,11 @@ fn the_guard_keeps_a_jump_of_the_path_from_the_drives() {
     let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
     assert!(motion.fault().is_some() && motion.is_over());
     assert!(v <= 200.0 * 1.001 && a <= 2000.0 * 1.001, "{v} {a}");
-    // The plan knew nothing of it, so the axis stops by itself, from its present acceleration: zero.
+    // The plan did not contain the jump, so the axis stops on its own, from its present acceleration: zero.
     assert!(j <= 50_000.0 * 1.02, "{j}");
 }
 
-/// The emergency stop comes while the axis is already stopping by itself.
+/// The emergency stop comes while the axis is already stopping on its own.
 #[test]
 fn an_emergency_stop_goes_on_from_the_stop_of_the_guard() {
     let limits = one_axis(200.0, 2000.0, 50_000.0);
@@ -390,8 +390,8 @@ fn at_rest_the_line_is_that_of_the_step_that_is_waited_for() {
     assert_eq!(seen, expected);
 }
 
-/// Every axis stops by itself behind what was published: acceleration and jerk of X and Y as published, as
-/// multiples of their limits, and the greatest X.
+/// Every axis stops on its own after the published setpoints. Returns the acceleration and jerk of X and Y as
+/// published, as multiples of their limits, and the maximum X.
 fn stopped_alone(
     mut station: MachineState,
     mut published: Vec<Axes>,
@@ -470,14 +470,14 @@ fn an_emergency_stop_on_a_circle_that_touches_the_travel_stays_within_it_and_wit
         println!("{what}: acceleration XY, jerk XY {most:.3?}, to within {least:.6} mm of the edge");
         assert!(most[0] <= 1.001 && most[1] <= 1.001, "{what}: {most:?}");
         assert!(most[3] <= 1.02, "{what}: {most:?}");
-        // The overshoot at the limit of jerk is A^3 / 24 J^2 = 0.133 mm: farther from the edge nothing is
+        // The overshoot at the jerk limit is A^3 / 24 J^2 = 0.133 mm: farther from the edge no limit is
         // exceeded.
         assert!(most[2] <= 1.02 || beside < 0.2, "{what}: {most:?}");
     }
 }
 
-/// A plan that leads X out of its travel at full speed: nothing stops that axis before the edge but a step of
-/// its speed.
+/// A plan that leads X out of its travel at full speed: only a step of its speed can stop that axis before
+/// the edge.
 #[test]
 fn where_a_plan_leads_one_axis_out_of_the_travel_the_others_finish_their_stops() {
     let mut limits = one_axis(200.0, 2000.0, 50_000.0);

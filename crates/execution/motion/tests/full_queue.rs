@@ -1,4 +1,4 @@
-//! A planner so far ahead that the queue is full still answers.
+//! A planner that is so far ahead that the queue is full still replies.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -13,7 +13,7 @@ use evolvent_planner::Step;
 
 use crate::common::{BLEND, Scenario, check, equal_axes};
 
-/// How long the planner may keep the cycle waiting before the test gives up.
+/// Time for which the planner may keep the cycle waiting before the test fails.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn scenario(moves: Vec<Move>, planner: PlannerKind) -> Scenario {
@@ -26,7 +26,7 @@ fn scenario(moves: Vec<Move>, planner: PlannerKind) -> Scenario {
     }
 }
 
-/// Drives `moves` by `step`, which is given the number of the cycle, in `rounds` that each begin when the
+/// Drives `moves` by `step`, which receives the number of the cycle, in `rounds` that each begin when the
 /// queue is full.
 fn drive(
     moves: Vec<Move>,
@@ -54,7 +54,7 @@ fn drive(
         let mut setpoints: Vec<Setpoint> = Vec::new();
         let mut is_stuck = false;
         for _ in 0..rounds {
-            // However many waits it takes: the planner has come to the end of the room.
+            // The planner has used up the capacity, after any number of waits.
             let (start, before) = (Instant::now(), waits.load(Ordering::Relaxed));
             while waits.load(Ordering::Relaxed) < before + 50 && start.elapsed() < PATIENCE {
                 std::thread::sleep(Duration::from_millis(1));
@@ -112,8 +112,8 @@ fn overrides_are_answered_when_the_queue_is_full_of_steps() {
     });
 }
 
-/// Each answer that is not taken over stays in the queue until the cycle has passed it. When no more fits,
-/// the cycle must not wait for the planner, which waits for the cycle.
+/// Each reply that is not taken over stays in the queue until the cycle has passed it. When no more fit, the
+/// cycle must not wait for the planner, which waits for the cycle.
 #[test]
 fn answers_that_came_to_nothing_do_not_stop_the_next() {
     let mut refusals = 0;
@@ -122,7 +122,7 @@ fn answers_that_came_to_nothing_do_not_stop_the_next() {
             feed_override: 0.998_f64.powi(cycle as i32 / 40).max(0.3),
             ..Inputs::default()
         };
-        // As a recorded run whose planner was late every time.
+        // As in a recorded run whose planner was always late.
         let lag = PlannerLag {
             refused: true,
             ..PlannerLag::default()
@@ -134,8 +134,8 @@ fn answers_that_came_to_nothing_do_not_stop_the_next() {
     assert!(refusals > 8, "{refusals} answers came to nothing");
 }
 
-/// A plan that is dropped fills the queue behind the place that is kept for what follows a stop, and answers
-/// that come to nothing take what was left: what follows the stop finds room all the same.
+/// A dropped plan fills the queue after the place that is reserved for the step after a stop, and failed
+/// replies take the rest: the step after the stop must still fit.
 #[test]
 fn what_follows_a_stop_finds_room_beside_a_dropped_plan() {
     let mut moves = vec![line(
@@ -190,7 +190,7 @@ fn what_follows_a_stop_finds_room_beside_a_dropped_plan() {
                 if is_stuck {
                     break;
                 }
-                // The request for it is answered, and then withdrawn for a lower one.
+                // The request for it gets a reply and is then withdrawn for a lower override.
                 if asked_at.is_none() && last > -4.0 {
                     (feed_override, asked_at) = (1.3, Some(cycle));
                 }
@@ -209,7 +209,7 @@ fn what_follows_a_stop_finds_room_beside_a_dropped_plan() {
                 };
                 last = motion.step(&inputs, &mut queue).position[0];
             }
-            // Wakes the planner from whatever it waits for.
+            // Ends any wait of the planner.
             more.store(true, Ordering::Relaxed);
             over.store(true, Ordering::Relaxed);
             assert!(!is_stuck, "cycle and planner wait for each other at X {last}");

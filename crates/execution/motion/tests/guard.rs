@@ -1,4 +1,4 @@
-//! Limits of what is published, whatever happens: stops that are requested, and plans that the guard refuses.
+//! Limits of the published positions in all cases: requested stops, and plans that the guard rejects.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -82,11 +82,11 @@ fn stops_keep_every_limit_however_the_planner_answers() {
     println!("worst ratios of velocity, acceleration, jerk: {most:.5?}");
 }
 
-/// Passes a plan on, with one piece of it falsified.
+/// Passes a plan on with one piece falsified.
 struct Falsifier<W> {
     sink: PlanProducer<W>,
     steps: usize,
-    /// Which piece, the step of acceleration, and the factor of its change.
+    /// Number of the piece, the step of acceleration, and the factor of its change.
     at: usize,
     step: f64,
     factor: f64,
@@ -183,8 +183,8 @@ fn whatever_the_guard_refuses_what_is_published_keeps_the_limits() {
             motion.fault()
         );
         assert!(out.iter().any(|setpoint| setpoint.flags & flags::GUARD != 0));
-        // Above its limit the speed is while the acceleration that it came with goes down: a^2 / (2 J) at
-        // most.
+        // The speed exceeds its limit while the acceleration at the rejection is reduced: by at most a^2 / (2
+        // J).
         let overshoot = 2000.0 * 2000.0 / (2.0 * 50_000.0) / 200.0;
         assert!(v <= 1.001 * (1.0 + overshoot), "{what}");
         assert!(a <= 1.002, "{what}");

@@ -1,4 +1,4 @@
-//! Holds and lowered overrides on dense programs, with a planner that answers and one that is frozen.
+//! Holds and lowered overrides on dense programs, with a planner that replies and one that is frozen.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -8,7 +8,7 @@ use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind};
 
 use crate::common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run};
 
-/// A contour in chords of 0.01 to 0.2 mm in three axes, with plunges, as CAM writes it.
+/// A contour in chords of 0.01 to 0.2 mm in three axes, with plunges, as CAM systems write it.
 fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {
     let mut at = Axes::zeros();
     let (mut heading, mut turn, mut rise) = (random.between(0.0, 6.0), 0.0, 0.0);
@@ -48,10 +48,10 @@ fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {
     }
 }
 
-/// The least time in which an axis stops from velocity `v` and acceleration `a`, wherever: `J` to `-a_p`,
-/// `a_p` at most `A`, and `J` back to zero.
+/// The minimum time in which an axis stops from velocity `v` and acceleration `a`, at any position: `J` to
+/// `-a_p`, `a_p` at most `A`, and `J` back to zero.
 fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
-    // The velocity that letting go of the acceleration leads to is to fall.
+    // The velocity after the acceleration has been released has to fall.
     let falls = v + a * a.abs() / (2.0 * jerk) >= 0.0;
     let (v, a) = if falls { (v, a) } else { (-v, -a) };
     let peak = (jerk * v + 0.5 * a * a).max(0.0).sqrt();
@@ -62,7 +62,7 @@ fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
     }
 }
 
-/// No stop on any path is shorter: every axis has to stop.
+/// A lower bound for a stop on any path: every axis has to stop.
 fn least_stop(from: &Setpoint, limits: &Limits) -> f64 {
     (0..AXES)
         .filter(|&i| limits.present[i])
@@ -73,8 +73,8 @@ fn least_stop(from: &Setpoint, limits: &Limits) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Drives the scenario with a hold from setpoint `moment` on until `Held`, then to the end. From the hold to
-/// rest nobody plans where the planner is `frozen`.
+/// Drives the scenario with a hold from setpoint `moment` on until `Held`, then to the end. If the planner is
+/// `frozen`, it does not run from the hold until rest.
 fn hold_at(scenario: &Scenario, moment: usize, frozen: bool, what: &str) -> (Vec<Setpoint>, usize) {
     let mut pair = Pair::new(scenario);
     let mut out: Vec<Setpoint> = Vec::new();
@@ -139,7 +139,7 @@ fn holds_on_dense_contours_stop_soon_whether_planned_or_not() {
                 took * 1e3,
                 least * 1e3
             );
-            // Never faster than the undisturbed plan at the same place.
+            // Never faster than the undisturbed plan at the same position.
             let mut k = moment - 1;
             for setpoint in &held[moment..rest] {
                 while k + 1 < plain.len() && plain[k + 1].path_mm <= setpoint.path_mm {
@@ -158,16 +158,16 @@ fn holds_on_dense_contours_stop_soon_whether_planned_or_not() {
     ratios.sort_by(f64::total_cmp);
     let (median, worst) = (ratios[ratios.len() / 2], ratios[ratios.len() - 1]);
     println!("but for 15 ms: median {median:.2}, worst {worst:.2} times the least of any path");
-    // The least of an axis by itself is out of reach where the path couples them: measured 1.2 to 1.4 and 2.4
-    // to 2.9 in three campaigns of 108 holds. Stops planned with the whole path known took 1.1 times as long,
-    // the worst 26 times.
+    // The minimum of a single axis cannot be reached where the path couples the axes: measured 1.2 to 1.4 and
+    // 2.4 to 2.9 in three campaigns of 108 holds. Stops planned with the whole path known took 1.1 times as
+    // long, the worst 26 times.
     assert!(median <= 1.5 && worst <= 3.2, "{median}, {worst}");
 }
 
-/// Holds of a campaign (seed, case, setpoint), and how long they may take. With one `s''` a millisecond they
-/// took 83, 148 and 168 ms. Linear programs that know the whole path, one after another, with the limits at
-/// ten instants a millisecond, bring the first to rest in 60 ms with one `s''` each half millisecond; the
-/// last in 165 ms with one a millisecond.
+/// Holds of a campaign (seed, case, setpoint), and their maximum durations. With one `s''` per millisecond
+/// they took 83, 148 and 168 ms. Linear programs that know the whole path, solved one after another, with the
+/// limits at ten instants per millisecond, stop the first in 60 ms with one `s''` per half millisecond, and
+/// the last in 165 ms with one per millisecond.
 const LONG_HOLDS: [(usize, usize, f64); 3] = [(25, 553, 0.074), (18, 36, 0.130), (0, 301, 0.140)];
 
 #[test]
@@ -175,7 +175,7 @@ fn holds_under_the_peaks_of_a_plan_that_uses_all_its_jerk_come_to_rest_soon() {
     let mut random = Random::from_state(20_261_123);
     for case in 0..=25 {
         let scenario = dense_case(&mut random, case);
-        // The draws of the six moments of a case there.
+        // Draws the six moments of a case of that test.
         (0..6).for_each(|_| {
             let _draw = random.unit();
         });
@@ -192,7 +192,7 @@ fn holds_under_the_peaks_of_a_plan_that_uses_all_its_jerk_come_to_rest_soon() {
 /// Drives the scenario at an override of `factor` from setpoint `moment` on, where the planner stops for
 /// good.
 fn lower_at(scenario: &Scenario, moment: usize, factor: f64, what: &str) {
-    // What is planned by then is driven to its end: nobody plans any more.
+    // The existing plan is driven to its end: the planner does not run any more.
     let frozen_at_moment = |feed_override: f64| {
         let mut pair = Pair::new(scenario);
         let mut out: Vec<Setpoint> = Vec::new();
@@ -229,7 +229,7 @@ fn lower_at(scenario: &Scenario, moment: usize, factor: f64, what: &str) {
 }
 
 /// One of the scenarios of [`lowered_overrides_on_dense_contours_are_met_without_a_planner`], with its moment
-/// as a part of the first half of the plan.
+/// as a fraction of the first half of the plan.
 fn lowered_case(random: &mut Random, case: usize) -> (Scenario, f64, f64) {
     let mut scenario = dense(random, 900, equal_axes(200.0, 2000.0, 50_000.0));
     scenario.period_ns = [1_000_000, 250_000][case % 2];
@@ -256,8 +256,8 @@ fn lowered_overrides_on_dense_contours_are_met_without_a_planner() {
     }
 }
 
-/// The end of a step was a hair before the place that its look ahead went to, with a jump of the plan's jerk
-/// between them.
+/// The end of a step was just before the time up to which the preview had read, with a jump of the plan's
+/// jerk between them.
 #[test]
 fn a_jump_of_the_plan_at_the_end_of_a_step_is_seen_ahead() {
     let mut random = Random::from_state(79);
@@ -269,14 +269,14 @@ fn a_jump_of_the_plan_at_the_end_of_a_step_is_seen_ahead() {
     }
 }
 
-/// Setpoints of the plain run, and what a hold at each of some moments needs: that of the longest stop first.
+/// A dense contour, and the moments of six holds as fractions of the plan.
 fn longest_stop_case(random: &mut Random, case: usize) -> (Scenario, [f64; 6]) {
     let mut scenario = dense(random, 700, equal_axes(200.0, 2000.0, 50_000.0));
     scenario.period_ns = [1_000_000, 250_000][case % 2];
     (scenario, std::array::from_fn(|_| random.unit()))
 }
 
-/// What the longest stop measures of what was computed for it.
+/// The ratio of the measured longest stop to the computed one.
 fn longest_stop(scenario: &Scenario, parts: &[f64], case: usize) -> f64 {
     let (plain, _) = run(scenario, |_| Inputs::default());
     let mut stops = StoppingDistance::new(scenario.limits, scenario.period_ns as f64 * 1e-9);
@@ -293,7 +293,7 @@ fn longest_stop(scenario: &Scenario, parts: &[f64], case: usize) -> f64 {
         measured <= longest.path_mm,
         "case {case}: {measured} of {longest:?}"
     );
-    // Nor does another hold need more.
+    // No other hold needs more.
     for part in parts {
         let elsewhere = distance(1 + (part * (plain.len() - 2) as f64) as usize);
         assert!(
@@ -310,13 +310,14 @@ fn the_longest_stop_of_a_plan_is_what_a_hold_there_needs() {
     for case in 0..cases {
         let (scenario, parts) = longest_stop_case(&mut random, case);
         let ratio = longest_stop(&scenario, &parts, case);
-        // The margin of coarse setpoints is wider.
+        // The margin for coarse setpoints is wider.
         let least = [0.8, 0.85][case % 2];
         assert!(ratio >= least, "case {case}: {ratio}");
     }
 }
 
-/// The plan's jerk jumped down in the first third of a step, after the acceleration had met its limit.
+/// The jerk of the plan jumped down in the first third of a step, after the acceleration had reached its
+/// limit.
 #[test]
 fn a_peak_of_acceleration_early_in_a_step_is_seen_ahead() {
     let mut random = Random::from_state(77);

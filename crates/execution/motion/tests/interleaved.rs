@@ -1,5 +1,4 @@
-//! Cycles that run while the planner is in the middle of its work, as they do in real time, and the same run
-//! replayed.
+//! Cycles that run while the planner is working, as in real time, and the same run replayed.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -15,14 +14,14 @@ use evolvent_planner::{PlanSink, Reply, Segment, Step};
 
 use crate::common::{Random, Scenario, campaign, forward_to_sink, scenario};
 
-/// Changes of the override at one rest: then it stays as it is, so that the axes move again.
+/// Maximum number of changes of the override at one rest; after them the axes can move again.
 const MAX_CHANGES: u32 = 12;
-/// Probability of a cycle between an answer and the plan that follows it.
+/// Probability of a cycle between a reply and the plan that follows it.
 const AFTER_ANSWER: f64 = 0.5;
 /// Probability of a cycle between two parts of a plan, which has hundreds.
 const WITHIN_PLAN: f64 = 0.02;
 
-/// What a trace holds of one cycle.
+/// The record of one cycle in a trace.
 struct Recorded {
     inputs: Inputs,
     lag: PlannerLag,
@@ -37,7 +36,7 @@ struct Cycles {
     feed_override: f64,
     changes_left: u32,
     done: Vec<Recorded>,
-    /// The run that is replayed; none in real time.
+    /// The run that is replayed; `None` in real time.
     replayed: Option<Vec<Recorded>>,
 }
 
@@ -65,7 +64,7 @@ impl Cycles {
         assert!(self.done.len() < 1_000_000, "does not end");
     }
 
-    /// The override changes at rest only; `slow_planner.rs` changes it in motion.
+    /// The override changes only at rest; `slow_planner.rs` changes it in motion.
     fn live_inputs(&mut self) -> Inputs {
         if !self.motion.is_at_rest() {
             self.changes_left = MAX_CHANGES;
@@ -79,8 +78,7 @@ impl Cycles {
         }
     }
 
-    /// A cycle in the middle of the planner's work. In real time at rest only; `slow_planner.rs` has cycles
-    /// in motion.
+    /// A cycle during the planner's work. In real time only at rest; `slow_planner.rs` has cycles in motion.
     fn interrupt(&mut self, probability: f64) {
         let may_step = match self.replayed {
             None => self.motion.is_at_rest(),
@@ -92,7 +90,7 @@ impl Cycles {
     }
 }
 
-/// Lets cycles run between any two things that the planner hands over.
+/// Lets cycles run between any two outputs of the planner.
 struct Interrupted {
     sink: PlanProducer<fn() -> bool>,
     cycles: Rc<RefCell<Cycles>>,

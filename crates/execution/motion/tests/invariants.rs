@@ -30,8 +30,8 @@ fn every_setpoint_keeps_every_limit_and_the_path() {
         assert_eq!(last.state, State::Done);
         for setpoint in &setpoints {
             let motion = &scenario.moves[setpoint.block as usize];
-            // The feed on a blend, and of a near-optimal plan, is bounded at stations; between them a little
-            // more.
+            // The feed on a blend, and of a time-optimal plan, is bounded at stations; between them it may be
+            // slightly higher.
             let blend = setpoint.flags & evolvent_motion::flags::BLEND != 0;
             let slack = match scenario.planner {
                 PlannerKind::Optimal => 1e-3,

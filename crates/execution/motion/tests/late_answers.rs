@@ -1,4 +1,4 @@
-//! Answers that come too late: the cycle has dropped them, and the planner has to notice.
+//! Replies that arrive too late: the cycle has withdrawn their requests, and the planner has to notice.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -12,7 +12,7 @@ use evolvent_planner::{PlanSink, Planner, Reply, Step};
 
 use crate::common::{BLEND, Scenario, campaign, check, forward_to_sink, scenario, wave};
 
-/// Loses so many answers: the same to the cycle as if they came too late.
+/// Loses this many replies, which has the same effect on the cycle as late replies.
 struct Losing<S> {
     sink: S,
     left: Rc<Cell<u32>>,
@@ -31,14 +31,15 @@ impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
     }
 }
 
-/// Drives the wave while the first `lost` answers get lost.
+/// Drives the wave while the first `lost` replies get lost.
 fn drive(lost: u32, inputs: impl Fn(u64) -> Inputs) -> Vec<Setpoint> {
     drive_along(&wave(700), lost, 0.02, "wave", inputs)
 }
 
 type LosingPlanner = Planner<Losing<PlanProducer<fn() -> bool>>>;
 
-/// A planner whose first `lost` answers get lost, its queue, and how many more will.
+/// A planner whose first `lost` replies get lost, its queue, and the number of replies that will still be
+/// lost.
 fn planner_and_queue(scenario: &Scenario, lost: u32) -> (LosingPlanner, PlanConsumer, Rc<Cell<u32>>) {
     let (producer, queue): (PlanProducer<fn() -> bool>, _) = plan_queue(|| false);
     let left = Rc::new(Cell::new(lost));
@@ -67,7 +68,7 @@ fn drive_along(
     while !motion.is_over() {
         planner.poll().expect("plan");
         let now = inputs(setpoints.len() as u64);
-        // At rest none comes too late.
+        // At rest no reply is too late.
         if was_held && !now.hold {
             left.set(0);
         }
@@ -131,7 +132,7 @@ fn overrides_that_were_not_met_make_no_hold_slower() {
         let rest = (hold as usize..setpoints.len()).find(|&k| setpoints[k].state == State::Held);
         rest.expect("comes to rest") - hold as usize
     };
-    // Two leads at most: the override's request is still open when the hold comes.
+    // Two leads at most: the request for the override is still open when the hold arrives.
     let (met, lost) = (cycles_to_rest(0), cycles_to_rest(4));
     assert!(lost <= met + 20, "{lost} cycles, {met} where overrides were met");
 }
@@ -142,9 +143,8 @@ fn cycles_to_rest(setpoints: &[Setpoint], hold: usize) -> usize {
     rest.expect("comes to rest") - (hold - 1)
 }
 
-/// A hold begins to brake at once, and after two requests of 10 ms each that nobody has met it brakes on by
-/// itself. That takes twice the longer of `v/A` and `sqrt(v/J)`, of which a tenth of the limits is left:
-/// about 1.2 times the least.
+/// A hold needs no reply: the cycle slows the plan down at once. The bounds leave 24 ms and 1.8 (wave) or 1.2
+/// times (line) the minimum time.
 #[test]
 fn a_hold_without_answers_takes_little_longer_than_the_least_time_and_the_program_goes_on_behind_it() {
     let holds = |cycle: u64| Inputs {
@@ -167,7 +167,7 @@ fn a_hold_without_answers_takes_little_longer_than_the_least_time_and_the_progra
     line.moves[0].feed_mm_s = 80.0;
     let setpoints = drive_along(&line, 9, 1e-6, "line", holds);
     let took = cycles_to_rest(&setpoints, 745);
-    // 2 sqrt(v/J), where that keeps the acceleration.
+    // 2 sqrt(v/J), if that keeps the acceleration.
     let least_ms = 2e3 * (80.0_f64 / 50_000.0).sqrt();
     assert!(
         took as f64 <= 24.0 + 1.2 * least_ms,
@@ -202,8 +202,8 @@ fn holds_without_answers_keep_the_limits_and_the_path_wherever_they_come() {
     assert!(held > cases as u32 / 4, "only {held} of {cases} came to rest");
 }
 
-/// What is planned after a stop that was reached before an answer got lost follows the stop, not the lost
-/// plan.
+/// Motion that is planned after a stop, where the stop was reached before a reply got lost, follows the stop
+/// and not the lost plan.
 #[test]
 fn a_lost_answer_stands_between_no_stop_and_what_is_read_behind_it() {
     let line = |from: f64, to: f64| Move {

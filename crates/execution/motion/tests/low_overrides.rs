@@ -1,4 +1,4 @@
-//! The feed under overrides from next to nothing to twice the programmed feed.
+//! The feed under overrides from nearly zero to twice the programmed feed.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -9,10 +9,10 @@ use evolvent_planner::Step;
 
 use crate::common::{BLEND, Pair, Scenario, check, equal_axes};
 
-/// By how much the feed may miss the wish.
+/// Maximum relative error of the feed.
 const ALLOWED: f64 = 1e-3;
-/// By how much it may stay below it on the first interval after a way down on which the caps vary: stations
-/// lie as far apart there as the speed before asked for.
+/// Maximum relative deficit of the feed on the first interval after a decrease along varying caps: the
+/// stations there are as far apart as the speed before the decrease required.
 const BEHIND_A_WAY_DOWN: f64 = 2.5e-3;
 
 fn scenario(moves: Vec<Move>) -> Scenario {
@@ -61,7 +61,7 @@ fn wave() -> Scenario {
     scenario((0..1500).map(|k| feed(line(k), BLEND)).collect())
 }
 
-/// Drives for so many cycles.
+/// Drives this many cycles.
 fn drive(scenario: &Scenario, cycles: usize, wish: impl Fn(u64) -> f64) -> Vec<Setpoint> {
     let mut pair = Pair::new(scenario);
     let mut out = Vec::new();
@@ -122,7 +122,7 @@ fn the_feed_is_the_wish_to_a_thousandth_at_overrides_from_next_to_nothing_to_two
     assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
 
-/// A feed of zero keeps the axes where they are; what the program does at rest comes when it is its turn.
+/// A feed of zero only prevents motion; steps of the program at rest take effect when they are reached.
 #[test]
 fn rests_are_passed_without_feed() {
     let scenario = line();

@@ -1,4 +1,4 @@
-//! Plans carried out, held, changed and guarded, all in one executable.
+//! Plans that are executed, held, changed and guarded, in one executable.
 
 mod common;
 
@@ -22,6 +22,6 @@ mod served_machine;
 mod slow_planner;
 mod synchronised;
 
-// It counts by thread, so that tests beside each other do not count together.
+// Counts per thread, so that concurrent tests do not count each other's allocations.
 #[global_allocator]
 static ALLOCATOR: evolvent_counting::CountingAllocator = evolvent_counting::CountingAllocator;

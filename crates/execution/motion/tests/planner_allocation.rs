@@ -1,4 +1,4 @@
-//! A planner that has warmed up allocates nothing, so that its time does not depend on the allocator.
+//! A planner that has warmed up does not allocate, so that its speed does not depend on the allocator.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -9,7 +9,7 @@ use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
 
 use crate::common::{BLEND, Pair, Scenario, equal_axes};
 
-/// A wavy contour in 20 um chords with a corner now and then.
+/// A wavy contour in 20 um chords with occasional corners.
 fn contour(blocks: usize) -> Vec<Move> {
     let at = |k: usize| {
         let s = 0.02 * k as f64;
@@ -51,7 +51,7 @@ fn a_warm_planner_does_not_allocate() {
         }
         pair.step(&Inputs::default());
     }
-    // The end of the path is another matter: it is worked off in larger pieces.
+    // The end of the path is excluded: it is planned in larger pieces.
     let warm = 15_000..=30_000;
     let late: Vec<_> = counts.iter().filter(|(fed, _)| warm.contains(fed)).collect();
     assert!(late.is_empty(), "counts (move, count): {late:?}");

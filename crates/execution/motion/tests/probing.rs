@@ -1,5 +1,4 @@
-//! Probing moves at random moments: where they stop, what they tell, that no limit is broken and nothing is
-//! allocated.
+//! Probing moves at random moments: their stopping positions, their results, the limits, and no allocation.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use evolvent_counting::calls;
@@ -14,15 +13,15 @@ use evolvent_signals::{ProbeInput, ProbeState};
 
 use crate::common::{PLANNERS, Random, equal_axes, limits};
 
-/// What the probe does, by the cycle since the move began to move.
+/// The behaviour of the probe, by the cycle since the move started to move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Scene {
-    /// It changes in this cycle, for this many cycles (a bounce is open again after one).
+    /// It changes in this cycle, for this number of cycles (a bounce is open again after one).
     Changes {
         cycle: u64,
         lasts: u64,
     },
-    /// Nobody says anything from this cycle on.
+    /// The probe is not reported from this cycle on.
     Lost(u64),
     Never,
     Before,
@@ -31,7 +30,7 @@ enum Scene {
 
 struct Outcome {
     result: ProbeResult,
-    /// Of the probing move alone.
+    /// Setpoints of the probing move alone.
     moved: Vec<Setpoint>,
     all: Vec<Setpoint>,
     seen_at: Option<Axes>,
@@ -51,7 +50,7 @@ fn feed_move(from: Axes, to: Axes, feed: f64) -> Move {
     }
 }
 
-/// Moves, probes, and moves on from where that has stopped.
+/// Moves, probes, and continues from the position at which the probing move has stopped.
 #[expect(clippy::too_many_arguments, reason = "a case is many things")]
 fn run(
     machine: Limits,
@@ -178,7 +177,7 @@ fn consume(queue: PlanConsumer) {
     drop(queue);
 }
 
-/// By differences of the positions, which know nothing of the code.
+/// Uses only differences of the positions, independent of the code.
 fn assert_within(all: &[Setpoint], machine: &Limits, period_ns: u64, what: &str) {
     let period = period_ns as f64 * 1e-9;
     // Rounding of positions, in each difference.
@@ -197,7 +196,7 @@ fn assert_within(all: &[Setpoint], machine: &Limits, period_ns: u64, what: &str)
                 second.abs() <= 1.001 * machine.acceleration[axis] + noise / period.powi(2),
                 "{what}: acceleration {second}, cycle {k}"
             );
-            // At the joint of exact path nothing moves, so jerk is bounded everywhere.
+            // Nothing moves at the joint of exact-path mode, so the jerk is bounded everywhere.
             assert!(
                 third.abs() <= 1.02 * machine.jerk[axis] + noise / period.powi(3),
                 "{what}: jerk {third} of {}, axis {axis}, cycle {k}",
@@ -237,7 +236,7 @@ fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_fro
             feed_mm_s: random.log(4.0, 60.0),
             toward: random.unit() < 0.5,
         };
-        // How long the move takes without contact, to find worst moments in it.
+        // The duration of the move without contact, to place the worst moments in it.
         let free = run(machine, period_ns, kind, start, order, start, Scene::Never, 0..0);
         assert_eq!(free.result.verdict, ProbeVerdict::NoContact, "case {case}");
         assert!((free.result.stands_at - to).abs().max() < 1e-9);
@@ -249,7 +248,7 @@ fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_fro
         let cycle = match case % 4 {
             0 => 1,
             1 => moving.saturating_sub(1).max(1),
-            // While the axes are on the way to rest at the end, or after that: drives are late.
+            // While the axes stop at the end, or after that: drives lag behind.
             2 => moving + 1,
             _ => 1 + (random.unit() * moving as f64) as u64,
         };
@@ -277,7 +276,7 @@ fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_fro
                 assert_eq!(result.verdict, ProbeVerdict::Contact, "{what}");
                 let seen = outcome.seen_at.expect("a contact");
                 assert_eq!(result.position, seen, "{what}");
-                // The way after the contact: no farther than what was promised, and never beyond the end.
+                // The distance after the contact: at most the computed one, and never beyond the end.
                 let beyond = (result.stands_at - seen).norm();
                 let most = order.stopping_distance(&machine) + 1e-9;
                 assert!(beyond <= most, "{what}: {beyond} mm of {most}");
@@ -299,7 +298,7 @@ fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_fro
             }
             Scene::Never => met[4] += 1,
         }
-        // On the line all the way.
+        // Always on the line.
         for setpoint in &outcome.moved {
             let along = (setpoint.position - from).dot(&(to - from)) / length;
             let off = (setpoint.position - from - (to - from) * (along / length)).norm();
@@ -311,7 +310,7 @@ fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_fro
 
 #[test]
 fn the_stop_of_a_probe_is_as_long_as_the_textbook_says() {
-    // From v with acceleration A and jerk J, A reached: v^2 / (2 A) + v A / (2 J).
+    // From v with acceleration A and jerk J, if A is reached: v^2 / (2 A) + v A / (2 J).
     let machine = equal_axes(1000.0, 500.0, 50_000.0);
     let order = ProbeMove {
         curve: line(Axes::zeros(), {

@@ -1,13 +1,13 @@
-//! Cases that once went wrong, each named for its cause.
+//! Cases that once failed, each named for its cause.
 
 use evolvent_motion::Inputs;
 use evolvent_path::PathMode;
 
 use crate::common::{BLEND, Random, check, run, scenario};
 
-/// The speed at which an override is changed is known to its last digit; the time of the change that is still
-/// to be made is the root of what is left. Left at that, the run ended nanometres late, and where the path
-/// came to rest that was a step of acceleration, which the guard refused.
+/// The speed at which an override changes is known to its last digit; the time of the pending change is the
+/// square root of the remainder. Without a correction the run ended nanometres too far, and where the path
+/// came to rest that was a step of acceleration, which the guard rejected.
 #[test]
 fn rounding_of_the_speed_does_not_carry_a_rest_beyond_its_place() {
     let mut random = Random::from_state(1000);

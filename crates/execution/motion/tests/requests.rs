@@ -1,4 +1,4 @@
-//! Cycle and near-optimal planner: holds, overrides, planners that are late, and planners that are gone.
+//! The cycle and the time-optimal planner: holds, overrides, and planners that are late or gone.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -9,7 +9,7 @@ use evolvent_planner::Step;
 
 use crate::common::{BLEND, Pair, campaign, check, equal_axes, run, scenario};
 
-/// Time from a wish to where it takes over, s.
+/// Time from a change of an input to the position at which the reply takes over, s.
 const LEAD: f64 = 0.010;
 
 fn straight(feed: f64, length: f64, period_ns: u64) -> crate::common::Scenario {
@@ -29,7 +29,7 @@ fn straight(feed: f64, length: f64, period_ns: u64) -> crate::common::Scenario {
     }
 }
 
-/// Stops from `v` without acceleration: `2 sqrt(v/J)` where that keeps `A`, else `A/J + v/A`.
+/// Duration of a stop from `v` without acceleration: `2 sqrt(v/J)` if that keeps `A`, else `A/J + v/A`.
 fn least_stop(v: f64) -> f64 {
     let (a, j) = (2000.0, 50_000.0);
     if v <= a * a / j {
@@ -62,7 +62,7 @@ fn a_hold_stops_in_the_least_time_after_the_lead() {
             "{}",
             before.feed_mm_s
         );
-        // The very setpoint that the hold comes with brakes.
+        // The setpoint in which the hold arrives brakes.
         let first = &setpoints[moment as usize];
         assert!(first.jerk[0] < -0.15 * 50_000.0, "{feed} mm/s: {}", first.jerk[0]);
         assert!(first.feed_mm_s < before.feed_mm_s, "{feed} mm/s");
@@ -73,14 +73,14 @@ fn a_hold_stops_in_the_least_time_after_the_lead() {
         let took = rest as f64 * period;
         let allowed = 1.1 * least_stop(feed) + LEAD + 2.0 * period;
         assert!(took <= allowed, "{feed} mm/s: {took} s of {allowed} s");
-        // The axes still have their speed in the setpoint before the first that brakes: a period earlier. 0.1
-        // % is rounding of the jerk, of which a slowdown may have 1.002.
+        // The axes have their full speed up to the setpoint before the first that brakes: one period earlier.
+        // 0.1 % covers the jerk of a slowdown, which may use 1.002 of the limit.
         assert!(
             took + period >= 0.999 * least_stop(feed),
             "{feed} mm/s: {took} s is less than the limits allow"
         );
         assert_eq!(setpoints[until as usize - 1].state, State::Held);
-        // And goes on to the end.
+        // It continues to the end.
         let last = setpoints[setpoints.len() - 1];
         assert!((last.position[0] - 600.0).abs() < 1e-9 && last.state == State::Done);
     }
@@ -123,7 +123,7 @@ fn an_override_takes_hold_within_twenty_milliseconds_and_is_reached() {
     }
 }
 
-/// Blocks of a few milliseconds each, fed more slowly than they are driven.
+/// Blocks of a few milliseconds each, which arrive more slowly than they are driven.
 #[test]
 fn a_planner_that_is_too_slow_leaves_a_machine_that_stops_on_the_path_and_goes_on_with_it() {
     let (mut random, cases) = campaign(0x0e01_0010, 2);
@@ -228,7 +228,7 @@ fn a_hold_that_nobody_answers_stops_on_the_path_all_the_same() {
     let scenario = straight(200.0, 2000.0, 1_000_000);
     let mut pair = Pair::new(&scenario);
     let mut setpoints = Vec::new();
-    // Everything is planned; then nobody listens.
+    // Everything is planned; then the planner stops.
     for cycle in 0..3000 {
         if cycle < 500 {
             pair.plan_ahead(&scenario);
@@ -244,10 +244,10 @@ fn a_hold_that_nobody_answers_stops_on_the_path_all_the_same() {
         .iter()
         .position(|s| s.feed_mm_s == 0.0)
         .expect("rest");
-    // Twice 200 mm/s over nine tenths of the acceleration, after two requests.
+    // The minimum is 200 mm/s over A plus A/J: 140 cycles.
     assert!(rest < 260, "{rest} cycles");
     assert_eq!(pair.motion.state(), State::Held);
-    // The planner comes back, and the program goes on from there.
+    // The planner returns, and the program continues from there.
     while !pair.motion.is_over() {
         pair.plan_ahead(&scenario);
         setpoints.push(pair.step(&Inputs::default()));
@@ -328,8 +328,8 @@ fn a_hold_that_meets_a_dwell_while_path_time_is_slowed_goes_on_behind_it() {
         ..scenario.moves[0]
     };
     scenario.moves.push(back);
-    // Nobody answers the hold. It comes where there is room to rest before the dwell, where there is hardly
-    // any, and where the machine is at the dwell before path time stands still.
+    // No reply to the hold. The hold arrives where there is enough distance to stop before the dwell, where
+    // there is hardly enough, and where the machine reaches the dwell before path time has stopped.
     let mut places = Vec::new();
     let (plain, _) = run(&scenario, |_| Inputs::default());
     let there = plain
@@ -380,7 +380,7 @@ fn an_override_next_to_nothing_is_a_hold_and_the_least_there_is_is_driven() {
             (0.999 * slowest..=1.001 * slowest).contains(&feed),
             "{factor}: {feed} mm/s"
         );
-        // And from rest.
+        // Also from rest.
         let (setpoints, motion) = run(&scenario, |cycle| Inputs {
             feed_override: if cycle < 500 { factor } else { 1.0 },
             ..Inputs::default()

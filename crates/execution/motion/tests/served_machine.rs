@@ -1,4 +1,5 @@
-//! What goes on from job to job: numbers, the guard's memory, and places; and steering, which has no path.
+//! State that continues from job to job: numbers, the guard's memory, positions; and transfers, which have no
+//! path.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use evolvent_counting::calls;
@@ -42,7 +43,7 @@ fn state_of(setpoint: &Setpoint) -> AxesState {
     }
 }
 
-/// Measures differences of positions by itself, apart from the guard.
+/// Computes differences of positions independently of the guard.
 #[derive(Default)]
 struct Measure {
     past: Vec<Axes>,
@@ -152,7 +153,7 @@ fn a_jog_that_stops_comes_to_rest_no_later_than_the_transfer_that_it_leaves() {
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
     for _ in 0..200 {
-        // To the very edge of the travel: stopping must not lead beyond it.
+        // To the very edge of the travel: a stop must not lead beyond it.
         let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
         let edge = Axes::from_fn(|i, _| if i == 0 { 100.0 } else { 0.0 });
         let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), edge);
@@ -185,7 +186,7 @@ fn what_begins_elsewhere_is_not_taken_up() {
     assert!(!station.attach(&mut motion));
     let mut motion = evolvent_motion::PathExecutor::new(limits(), PERIOD_NS, Axes::zeros());
     assert!(station.attach(&mut motion));
-    // A turn that does not begin where the axes are leaves the motion as it is.
+    // A transfer that does not begin at the present state leaves the motion unchanged.
     let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), elsewhere);
     let other = to_rest(&AxesState::at_rest(Axes::repeat(0.0)), -elsewhere);
     for _ in 0..5 {

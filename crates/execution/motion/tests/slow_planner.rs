@@ -1,4 +1,4 @@
-//! A planner that takes as long as a busy host lets it: cycles run while it solves a window.
+//! A planner that is as slow as on a busy host: cycles run while it solves a window.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -13,24 +13,24 @@ use evolvent_planner::{PlanSink, Reply, Step};
 
 use crate::common::{Random, Scenario, WAVE_FEED_MM_S, check, forward_to_sink, wave};
 
-/// The cycle at which the override begins to change.
+/// The cycle at which the override starts to change.
 const BEGINS: u64 = 500;
-/// Minimum fraction of the feed: the plan itself has less than 0.9 of it at one place, also with a planner
+/// Minimum fraction of the feed: the plan itself has less than 0.9 of it at one position, even with a planner
 /// that is never late.
 const MIN_FRACTION: f64 = 0.88;
-/// Cycles for a window on a busy host at most: too late for every request, and so late that the cycle drives
-/// tails.
+/// Maximum number of cycles per window on a busy host: too late for every request, and so late that the cycle
+/// drives tails.
 const LATE: usize = 50;
 const STARVING: usize = 1000;
-/// Cycles of the virtual clock between two things that the planner does at most: one request may follow
+/// Maximum number of cycles of the virtual clock between two outputs of the planner: one request may follow
 /// another's reply at once.
 const MEANWHILE: usize = 40;
-/// Blocks of the wave between two places with steps at rest.
+/// Number of blocks of the wave between two positions with rest steps.
 const BLOCKS_TO_REST: usize = 60;
-/// Steps at rest at one place.
+/// Number of rest steps at one position.
 const RESTS: usize = 7;
 
-/// What a cycle met, and what it gave.
+/// The lag that a cycle met, and its setpoint.
 #[derive(Clone, Debug)]
 struct Recorded {
     inputs: Inputs,
@@ -38,18 +38,18 @@ struct Recorded {
     setpoint: Setpoint,
 }
 
-/// The cycle, run by the planner's calls.
+/// The cycle, called by the planner.
 struct Cycles {
     motion: PathExecutor,
     queue: PlanConsumer,
     feed_override: fn(u64) -> f64,
     done: Vec<Recorded>,
-    /// What to repeat, if this is a replay.
+    /// The recorded run, if this is a replay.
     replayed: Option<Vec<Recorded>>,
 }
 
 impl Cycles {
-    /// As the virtual clock does.
+    /// As with the virtual clock.
     fn step_if_ready(&mut self) -> bool {
         let is_ready = self.motion.is_ready(&mut self.queue);
         if is_ready {
@@ -97,12 +97,12 @@ impl Cycles {
 struct Slow {
     sink: PlanProducer<fn() -> bool>,
     cycles: Rc<RefCell<Cycles>>,
-    /// Draws how many cycles run meanwhile; none in a replay, where the clock is virtual: it waits for the
-    /// planner.
+    /// Draws the number of cycles that run meanwhile; `None` in a replay, in which the clock is virtual and
+    /// waits for the planner.
     random: Option<Random>,
-    /// How many at most on a busy host.
+    /// Maximum number of cycles on a busy host.
     longest: usize,
-    /// The host has other things to do.
+    /// The host is busy with other work.
     is_busy: bool,
 }
 
@@ -111,7 +111,7 @@ impl PlanSink for Slow {
 
     forward_to_sink!(segment exit commit mark leave_open keep_place link has_capacity wait request acknowledged withdrawn reached reached_step);
 
-    /// The interpreter may take as long for the block after a step at rest as the planner for a window.
+    /// The interpreter may need as long for the block after a rest step as the planner for a window.
     fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
         self.sink.step(step)?;
         let mut cycles = self.cycles.borrow_mut();
@@ -128,7 +128,7 @@ impl PlanSink for Slow {
         Ok(())
     }
 
-    /// On a quiet host a window takes most of the lead of a request, on a busy one several times that.
+    /// On a quiet host a window takes most of the lead of a request, on a busy one several leads.
     fn solved(&mut self, _steps: u32) {
         let mut cycles = self.cycles.borrow_mut();
         let Some(random) = &mut self.random else {
@@ -158,7 +158,7 @@ impl PlanSink for Slow {
     }
 }
 
-/// What is planned: moves, with one of these chains of steps at rest after each [`BLOCKS_TO_REST`] blocks.
+/// The program: moves, with one of these chains of rest steps after every [`BLOCKS_TO_REST`] blocks.
 struct Program {
     scenario: Scenario,
     rests: Vec<Vec<Step>>,
@@ -173,7 +173,7 @@ impl Program {
     }
 }
 
-/// Drives a program with a slow planner, or replays that.
+/// Drives a program with a slow planner, or replays the run.
 fn drive(
     program: &Program,
     feed_override: fn(u64) -> f64,
@@ -239,7 +239,7 @@ fn falling(cycle: u64, factor: f64, every: u64) -> f64 {
         .max(0.2)
 }
 
-/// Overrides that fall all the time, as the ramp of a spindle makes them.
+/// Overrides that fall continuously, as the ramp of a spindle makes them.
 const FALLING: [fn(u64) -> f64; 5] = [
     |cycle| falling(cycle, 0.995, 3),
     |cycle| falling(cycle, 0.988, 9),
@@ -248,8 +248,8 @@ const FALLING: [fn(u64) -> f64; 5] = [
     |cycle| falling(cycle, 0.9, 70),
 ];
 
-/// A lower override needs no planner: the plan is driven more slowly, and planned on whatever becomes of the
-/// requests meanwhile.
+/// A lower override needs no planner: the plan is driven more slowly, and the planner continues it whatever
+/// becomes of the requests meanwhile.
 #[test]
 fn a_falling_override_is_followed_however_late_the_planner_is() {
     let mut late = 0;
@@ -278,7 +278,7 @@ fn a_falling_override_is_followed_however_late_the_planner_is() {
     assert!(late > 100, "{late} answers were late");
 }
 
-/// What a recorded run met of the planner is all that a replay needs, however late it was.
+/// The recorded lag of the planner is all that a replay needs, however late the planner was.
 #[test]
 fn a_run_with_a_slow_planner_is_replayed_bit_for_bit() {
     let overrides: [fn(u64) -> f64; 5] = [
@@ -292,7 +292,7 @@ fn a_run_with_a_slow_planner_is_replayed_bit_for_bit() {
     let (mut late, mut starved) = (0, 0);
     let cases = evolvent_random::cases(7) as u64;
     let first = evolvent_random::seed(1);
-    // The last one leaves a plan that ends at a stop, and comes back to it.
+    // The last seed leaves a plan that ends at a stop, and returns to it.
     let seeds = (first..first + cases).chain([1022]);
     for (number, feed_override) in overrides.into_iter().enumerate() {
         for (seed, longest) in seeds.clone().flat_map(|seed| [(seed, LATE), (seed, STARVING)]) {
@@ -316,7 +316,7 @@ fn a_run_with_a_slow_planner_is_replayed_bit_for_bit() {
     );
 }
 
-/// A chain of steps at rest, most of which take no time.
+/// A chain of rest steps, most of them without duration.
 fn random_rests(random: &mut Random) -> Vec<Step> {
     (0..1 + random.pick(RESTS))
         .map(|number| {
@@ -336,7 +336,7 @@ fn random_rests(random: &mut Random) -> Vec<Step> {
         .collect()
 }
 
-/// The cycle passes as many as have come.
+/// The cycle passes as many as have arrived.
 #[test]
 fn steps_at_rest_that_come_one_by_one_are_replayed_bit_for_bit() {
     let mut waited = 0;

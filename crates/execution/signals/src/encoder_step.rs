@@ -1,24 +1,23 @@
-//! The step of an encoder, from the angles that it shows.
+//! The step of an encoder, estimated from the angles that it reports.
 
-/// Smaller differences are rounding, turns: a double has fewer digits for fractions after many turns, and
-/// Euclid's algorithm multiplies their errors by the number of counts in an increment.
+/// Smaller differences count as rounding, turns. A double has fewer digits for fractions after many turns,
+/// and Euclid's algorithm multiplies their errors by the number of counts in an increment.
 const ROUNDING: f64 = 1.0 / (64.0 * 4096.0);
-/// Number of changes of the increment per window: a jump at the index pulse spoils one window, not all that
-/// follow.
+/// Number of changes of the increment per window. A jump at the index pulse spoils one window only.
 const WINDOW: u32 = 32;
-/// A larger divisor is not taken for a step, turns: increments of an almost even speed share one that is
-/// none.
+/// Maximum step, turns. A larger divisor is rejected: increments of an almost constant speed have a common
+/// divisor that is not a step.
 const LARGEST: f64 = 1.0 / 32.0;
 
-/// The largest angle of which all increments are multiples: what an encoder's counts are, at any speed.
-/// Angles that are interpolated between counts have none that matters. Neither allocates nor waits.
+/// Estimates the largest angle of which all increments are multiples: one count of the encoder, whatever the
+/// speed. Angles that are interpolated between counts have no significant step. Neither allocates nor waits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct EncoderStep {
     increment: Option<f64>,
-    /// Of this window, and how many changes it has seen.
+    /// Divisor of the current window, and the number of changes in it.
     divisor: f64,
     changes: u32,
-    /// Of the last whole window; 0 before.
+    /// Divisor of the last complete window; 0 before the first.
     known: f64,
 }
 
@@ -31,14 +30,14 @@ impl EncoderStep {
         known: 0.0,
     };
 
-    /// Takes the increment of the angle from one sample to the next, turns. `finest`: smaller steps do not
-    /// matter.
+    /// Processes the increment of the angle from one sample to the next, turns. Steps smaller than `finest`
+    /// are not distinguished.
     pub(crate) fn observe(&mut self, increment: f64, finest: f64) {
         let increment = increment.abs();
         let Some(before) = self.increment.replace(increment) else {
             return;
         };
-        // An even speed says nothing: whatever it is, its increments are multiples of one another.
+        // A constant speed contains no information: all its increments are equal.
         if (increment - before).abs() < ROUNDING {
             return;
         }
@@ -49,7 +48,7 @@ impl EncoderStep {
         }
     }
 
-    /// The step, turns; 0 as long as nothing is known of it.
+    /// The step, turns; 0 while it is unknown.
     pub(crate) fn turns(&self) -> f64 {
         let step = if self.known > 0.0 {
             self.known
@@ -68,7 +67,7 @@ fn divisor(one: f64, other: f64, finest: f64) -> f64 {
             return finest;
         }
         let rest = large % small;
-        // Just below a multiple is one, too.
+        // A value just below a multiple also counts as a multiple.
         (large, small) = (small, rest.min(small - rest));
     }
     large
@@ -98,7 +97,7 @@ mod tests {
         let mut random = Random::from_state(0x0e5c_0de5);
         for case in 0..cases(300) {
             let counts = random.log(60.0, 4000.0).round();
-            // Up to a week at 1000 rpm from zero, and both ways.
+            // Up to one week at 1000 rpm, from zero, in both directions.
             let (start, speed) = (
                 random.between(-1e7, 1e7),
                 random.log(0.2, 60.0) * if case % 2 == 0 { 1.0 } else { -1.0 },

@@ -1,24 +1,25 @@
-//! What the feed goes by: time, or the revolutions of the spindle (G95).
+//! What the feed refers to: time, or revolutions of the spindle (G95).
 
 use evolvent_path::SpindleSpeed;
 
-/// What the feed of the plan goes by.
+/// What the feed of the plan refers to.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum FeedLaw {
     /// Time alone.
     #[default]
     Time,
-    /// A spindle: the plan is for this speed of it, and the feed is driven in the proportion that it turns.
+    /// Revolutions of a spindle: the plan assumes this speed, and the feed is scaled by the actual speed over
+    /// it.
     Revolution {
-        /// Its number.
+        /// The number of the spindle.
         spindle: u32,
-        /// The speed for which the plan is.
+        /// The speed that the plan assumes.
         speed: SpindleSpeed,
     },
 }
 
 impl FeedLaw {
-    /// The spindle that the feed goes by, if any. Real-time safe.
+    /// The spindle to which the feed refers, if any. Real-time safe.
     #[must_use]
     pub const fn spindle(&self) -> Option<u32> {
         match self {
@@ -27,9 +28,9 @@ impl FeedLaw {
         }
     }
 
-    /// By what the feed of the plan is multiplied where the tool is at X in machine coordinates, mm.
-    /// `measured_rpm`: how fast the spindle turns, where that is known; otherwise it turns as commanded, with
-    /// the spindle override and up to its highest speed. Real-time safe.
+    /// The factor on the feed of the plan with the tool at X in machine coordinates, mm. `measured_rpm` is
+    /// the measured speed of the spindle. Without it the commanded speed counts, with the spindle override
+    /// and limited to `max_rpm`. Real-time safe.
     #[must_use]
     pub fn ratio(&self, x_mm: f64, measured_rpm: Option<f64>, spindle_override: f64, max_rpm: f64) -> f64 {
         let Self::Revolution { speed, .. } = self else {

@@ -9,7 +9,7 @@ use crate::spindle_tracker::SpindleAngle;
 
 const ANALOG: usize = MAX_ANALOG as usize;
 
-/// The outputs with one setpoint.
+/// The outputs of one setpoint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OutputImage {
     /// Bit i: state of digital output i.
@@ -19,7 +19,7 @@ pub struct OutputImage {
 }
 
 impl OutputImage {
-    /// The value of an output, 0 or 1 of a digital one; 0 of a number that there is not. Real-time safe.
+    /// The value of an output: 0 or 1 for a digital one, 0 for a number that does not exist. Real-time safe.
     #[must_use]
     pub fn value(&self, kind: SignalKind, number: u32) -> f64 {
         match kind {
@@ -31,7 +31,7 @@ impl OutputImage {
         }
     }
 
-    /// Sets the value of an output. Numbers that there are not are left alone. Real-time safe.
+    /// Sets the value of an output. Numbers that do not exist are ignored. Real-time safe.
     pub fn set(&mut self, kind: SignalKind, number: u32, value: f64) {
         let mut change = Change::at(Moment::Rest(0));
         match kind {
@@ -51,32 +51,32 @@ impl OutputImage {
     }
 }
 
-/// The inputs that a cycle goes by. What is not known has no value.
+/// The inputs that a cycle uses. Unknown inputs have no value.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InputImage {
     /// Bit i set: the state of digital input i is known.
     pub digital_known: u64,
-    /// Bit i: state of digital input i; 0 where it is not known.
+    /// Bit i: state of digital input i; 0 if unknown.
     pub digital: u64,
     /// Bit i set: the value of analog input i is known.
     pub analog_known: u32,
-    /// Values of the analog inputs; 0 where they are not known.
+    /// Values of the analog inputs; 0 if unknown.
     pub analog: [f64; ANALOG],
-    /// How the spindles are; none of one that is not known.
+    /// States of the spindles; `None` if unknown.
     pub spindles: [Option<SpindleState>; MAX_SPINDLES as usize],
-    /// The newest sample of the angle of the spindle that motion follows; none where it is not reported.
+    /// The newest sample of the angle of the spindle that motion follows; `None` if it is not reported.
     pub angle: Option<SpindleAngle>,
     /// The spindle of that sample.
     pub angle_spindle: u32,
-    /// How fast each spindle turns, rpm, never negative; none where it is not reported.
+    /// Speed of each spindle, rpm, never negative; `None` if it is not reported.
     pub speeds_rpm: [Option<f64>; MAX_SPINDLES as usize],
-    /// What the probe says.
+    /// State of the probe.
     pub probe: ProbeImage,
 }
 
 impl InputImage {
-    /// The value of an input, 0 or 1 of a digital one; none while it is not known, or has no such number.
-    /// Real-time safe.
+    /// The value of an input, 0 or 1 for a digital one; `None` while it is unknown or if the number does not
+    /// exist. Real-time safe.
     #[must_use]
     pub fn value(&self, kind: SignalKind, number: u32) -> Option<f64> {
         let index = number as usize;
@@ -91,13 +91,13 @@ impl InputImage {
         }
     }
 
-    /// How a spindle is; none while it is not known, or of a number that there is not. Real-time safe.
+    /// The state of a spindle; `None` while it is unknown or if the number does not exist. Real-time safe.
     #[must_use]
     pub fn spindle(&self, number: u32) -> Option<SpindleState> {
         self.spindles.get(number as usize).copied().flatten()
     }
 
-    /// Sets how a spindle is; none makes it unknown. Numbers that there are not are left alone. Real-time
+    /// Sets the state of a spindle; `None` makes it unknown. Numbers that do not exist are ignored. Real-time
     /// safe.
     pub fn set_spindle(&mut self, number: u32, state: Option<SpindleState>) {
         if let Some(slot) = self.spindles.get_mut(number as usize) {
@@ -105,8 +105,8 @@ impl InputImage {
         }
     }
 
-    /// Sets the value of an input; none makes it unknown. Numbers that there are not are left alone.
-    /// Real-time safe.
+    /// Sets the value of an input; `None` makes it unknown. Numbers that do not exist are ignored. Real-time
+    /// safe.
     pub fn set(&mut self, kind: SignalKind, number: u32, value: Option<f64>) {
         match kind {
             SignalKind::Digital if number < u64::BITS => {

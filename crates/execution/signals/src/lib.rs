@@ -1,8 +1,7 @@
 //! Outputs, inputs and waits in the cycle: which output changes at which setpoint.
 //!
-//! The planner's thread schedules [`Change`]s and [`InputWait`]s through a [`Scheduler`]; the cycle carries
-//! them out through [`Signals`], once for each setpoint. Programs come and go; outputs, inputs and their
-//! rules stay.
+//! The planner's thread schedules [`Change`]s and [`InputWait`]s through a [`Scheduler`]; the cycle executes
+//! them through [`Signals`], once per setpoint. Programs come and go; outputs, inputs and their rules stay.
 //!
 //! ```
 //! use evolvent_machine::SignalSettings;
@@ -20,14 +19,14 @@
 //! assert_eq!(signals.step(&Progress { blocks: 4, ..before }).digital, 1);
 //! ```
 //!
-//! A change counts from a *moment* on: with the first setpoint of a block (M62, M63, M67), or at rest with an
-//! action (M64, M65, M68). Both are numbers that the setpoint carries, so nothing is timed: whatever the
-//! rate, the override and the holds, a change takes effect with the setpoint that begins the block. A wait
-//! (M66) begins when the setpoint at which the axes rest is due, a lead after it was computed, because what
-//! the program has switched before is in force only then.
+//! A change takes effect from a *moment* on: with the first setpoint of a block (M62, M63, M67), or at rest
+//! with an action (M64, M65, M68). The setpoint carries the numbers of both, so nothing is timed: at any
+//! rate, with any override and holds, a change takes effect with the setpoint that begins the block. A wait
+//! (M66) begins when the setpoint at which the axes are at rest is due, one lead after its computation,
+//! because outputs that the program has switched before take effect only then.
 //!
-//! Real-time safety: [`Signals`] neither allocates nor frees; what has been carried out goes back to the
-//! scheduler to be dropped. The same schedule, progress and inputs give the same outputs, cycle by cycle.
+//! Real-time safety: [`Signals`] neither allocates nor frees. Executed entries return to the scheduler, which
+//! drops them. The same schedule, progress and inputs give the same outputs, cycle by cycle.
 
 mod encoder_step;
 mod feed_law;

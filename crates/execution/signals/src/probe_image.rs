@@ -1,33 +1,33 @@
-//! The probe at one instant, and what a cycle goes by of it.
+//! The probe at one instant, and the part of it that a cycle uses.
 
 use self::probe_numbers::{CHANGES, POSITION, STATE};
 
 /// Numbers of the values of a probe.
 pub mod probe_numbers {
-    /// Its state: 0 open, 1 tripped, 2 where time is not real and no contact is known.
+    /// Its state: 0 open, 1 tripped, 2 with the virtual clock when no contact is reported.
     pub const STATE: u32 = 0;
-    /// Changes whose position is known.
+    /// Number of changes whose position is known.
     pub const CHANGES: u32 = 1;
-    /// The position of axis 0 at the last of them; those of the other axes follow.
+    /// Position of axis 0 at the last change; the positions of the other axes follow.
     pub const POSITION: u32 = 2;
-    /// How many numbers there are.
+    /// Number of values.
     pub const COUNT: u32 = POSITION + 9;
 }
 
-/// Axes whose position a contact has.
+/// Number of axes whose position a contact records.
 const AXES: usize = 9;
 
-/// What is known of a probe.
+/// The state of a probe.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ProbeState {
-    /// No bridge says anything of it, or none has for too long.
+    /// No bridge reports the probe, or the last report is too old.
     #[default]
     Unknown,
     /// No contact.
     Open,
     /// Contact.
     Tripped,
-    /// Time is not real and no contact is reported: none is made.
+    /// With the virtual clock, no contact is reported: contacts do not occur.
     Imagined,
 }
 
@@ -36,14 +36,14 @@ pub enum ProbeState {
 pub struct ProbeImage {
     /// Its state.
     pub state: ProbeState,
-    /// How often it has changed so far, as far as the position of the change is known.
+    /// Number of changes so far whose position is known.
     pub changes: u32,
-    /// Where the axes were at the last of these changes, machine coordinates (mm, degrees).
+    /// Position of the axes at the last of these changes, machine coordinates (mm, degrees).
     pub position: [f64; AXES],
 }
 
 impl ProbeImage {
-    /// One more change, at this position. Real-time safe.
+    /// Records one more change, at this position. Real-time safe.
     pub fn locate_change(&mut self, position: [f64; AXES]) {
         self.changes = self.changes.wrapping_add(1);
         self.position = position;
@@ -64,7 +64,7 @@ impl ProbeImage {
         }
     }
 
-    /// Sets a value by its number. Numbers that there are not are left alone. Real-time safe.
+    /// Sets a value by its number. Numbers that do not exist are ignored. Real-time safe.
     pub fn set(&mut self, number: u32, value: Option<f64>) {
         match (number, value) {
             (STATE, None) => self.state = ProbeState::Unknown,
@@ -89,26 +89,26 @@ impl ProbeImage {
     }
 }
 
-/// What a cycle goes by of the probe: its image, and what lies between it and the one of the cycle before.
+/// The probe as one cycle uses it: its newest image, and what happened since the previous cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeInput {
     /// The newest sample.
     pub now: ProbeImage,
-    /// It was tripped in a sample since the cycle before.
+    /// It was tripped in a sample since the previous cycle.
     pub was_tripped: bool,
-    /// It was open in a sample since the cycle before.
+    /// It was open in a sample since the previous cycle.
     pub was_open: bool,
 }
 
 impl ProbeInput {
-    /// One more sample of the same cycle. Real-time safe.
+    /// Processes one more sample of the same cycle. Real-time safe.
     pub(crate) fn observe(&mut self, image: &ProbeImage) {
         self.now = *image;
         self.was_tripped |= image.state == ProbeState::Tripped;
         self.was_open |= image.state == ProbeState::Open;
     }
 
-    /// What this cycle goes by; the next begins with the newest sample. Real-time safe.
+    /// Returns the values of this cycle. The next cycle begins with the newest sample. Real-time safe.
     pub(crate) fn take(&mut self) -> Self {
         let taken = *self;
         (self.was_tripped, self.was_open) = (false, false);

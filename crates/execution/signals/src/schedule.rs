@@ -1,4 +1,4 @@
-//! From the planner's thread to the cycle: what changes when.
+//! From the planner's thread to the cycle: which change takes effect when.
 
 use evolvent_machine::MAX_ANALOG;
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -8,13 +8,13 @@ use crate::override_switches::OverrideSwitches;
 use crate::virtual_spindle::SpindleTarget;
 use crate::wait::{InputWait, WaitResult};
 
-/// Changes and waits on the way: one for each block mark and step that a plan queue holds at most, 131 072
-/// and 36 800, and for the blocks that wait in the planner's windows.
+/// Capacity for scheduled changes and waits: one for each block mark and step that a plan queue holds at most
+/// (131 072 and 36 800), and for the blocks that wait in the planner's windows.
 const AHEAD: usize = 1 << 18;
-/// Results of waits on the way: a program waits for each before it goes on.
+/// Capacity for results of waits: a program waits for each result before it continues.
 const RESULTS: usize = 8;
 
-/// From when on a change counts.
+/// The moment from which a change takes effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moment {
     /// At rest, with the action of this number.
@@ -23,31 +23,31 @@ pub enum Moment {
     Block(u32),
 }
 
-/// What changes at one moment.
+/// A change at one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Change {
-    /// From when on.
+    /// The moment from which it takes effect.
     pub moment: Moment,
-    /// Digital outputs that are switched on.
+    /// Digital outputs to switch on.
     pub on: u64,
-    /// Digital outputs that are switched off.
+    /// Digital outputs to switch off.
     pub off: u64,
-    /// Bit i set: analog output i is set.
+    /// Bit i set: sets analog output i.
     pub analog_mask: u32,
-    /// Values of the analog outputs that are set.
+    /// Values of the analog outputs to set.
     pub analog: [f64; MAX_ANALOG as usize],
-    /// Which overrides count from then on; none where that stays as it is.
+    /// The overrides that are enabled from then on; `None` if they do not change.
     pub overrides: Option<OverrideSwitches>,
-    /// What the feed goes by from then on; none where that stays as it is.
+    /// What the feed refers to from then on; `None` if that does not change.
     pub feed_law: Option<FeedLaw>,
-    /// The spindle whose angle motion follows from then on; none where that stays as it is.
+    /// The spindle whose angle motion follows from then on; `None` if that does not change.
     pub follows: Option<u32>,
-    /// How a spindle turns from then on, where time is not real; none where that stays as it is.
+    /// The target of a spindle from then on, with the virtual clock; `None` if that does not change.
     pub spindle: Option<SpindleTarget>,
 }
 
 impl Change {
-    /// Nothing changes, from this moment on.
+    /// An empty change at this moment.
     #[must_use]
     pub fn at(moment: Moment) -> Self {
         Self {
@@ -63,8 +63,8 @@ impl Change {
         }
     }
 
-    /// Switches a digital output; of two changes of one output the later counts. Numbers that there are not
-    /// are left alone.
+    /// Switches a digital output. Of two changes of one output the later one takes effect. Numbers that do
+    /// not exist are ignored.
     pub fn set_digital(&mut self, number: u32, on: bool) {
         if let Some(bit) = 1_u64.checked_shl(number) {
             (self.on, self.off) = if on {
@@ -75,7 +75,7 @@ impl Change {
         }
     }
 
-    /// Sets an analog output, likewise.
+    /// Sets an analog output, with the same rules.
     pub fn set_analog(&mut self, number: u32, value: f64) {
         if let Some(slot) = self.analog.get_mut(number as usize) {
             *slot = value;
@@ -100,7 +100,7 @@ impl Change {
     }
 }
 
-/// Something that is scheduled.
+/// An entry of the schedule.
 #[derive(Clone, Copy, Debug)]
 #[expect(
     clippy::large_enum_variant,
@@ -111,8 +111,8 @@ pub(crate) enum Scheduled {
     Wait(InputWait),
 }
 
-/// The planner's end. Everything is scheduled in the order of the program, before the block or action goes
-/// into the plan.
+/// The planner's end of the schedule. Entries are scheduled in the order of the program, each before its
+/// block or action enters the plan.
 #[derive(Debug)]
 pub struct Scheduler {
     scheduled: Producer<Box<Scheduled>>,
@@ -121,39 +121,39 @@ pub struct Scheduler {
 }
 
 impl Scheduler {
-    /// Schedules a change. `false` where there is no room, which a plan queue of its sizes never brings
-    /// about, or where the cycle has gone.
+    /// Schedules a change. Returns `false` if the schedule is full, which cannot happen with the sizes of a
+    /// plan queue, or if the cycle's end has been dropped.
     #[must_use]
     pub fn change(&mut self, change: Change) -> bool {
         self.push(Scheduled::Change(change))
     }
 
-    /// Schedules a wait, likewise.
+    /// Schedules a wait, with the same result.
     #[must_use]
     pub fn wait(&mut self, wait: InputWait) -> bool {
         self.push(Scheduled::Wait(wait))
     }
 
-    /// What came of a wait, once.
+    /// The result of a wait; each result is returned once.
     pub fn result(&mut self) -> Option<WaitResult> {
         self.results.pop().ok()
     }
 
-    /// Whether the cycle has gone.
+    /// Whether the cycle's end has been dropped.
     #[must_use]
     pub fn is_abandoned(&self) -> bool {
         self.scheduled.is_abandoned()
     }
 
     fn push(&mut self, scheduled: Scheduled) -> bool {
-        // What the cycle is done with is dropped here, where time does not matter.
+        // Entries that the cycle has executed are dropped here, outside the cycle.
         while self.spent.pop().is_ok() {}
         !self.scheduled.is_abandoned() && self.scheduled.push(Box::new(scheduled)).is_ok()
     }
 }
 
-/// The cycle's end: what one program has scheduled, and the way back. [`Signals`](crate::Signals) carries it
-/// out.
+/// The cycle's end of the schedule of one program, and the queues back. [`Signals`](crate::Signals) executes
+/// it.
 #[derive(Debug)]
 pub struct ScheduleConsumer {
     pub(crate) ahead: Consumer<Box<Scheduled>>,

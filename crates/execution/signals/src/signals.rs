@@ -1,4 +1,4 @@
-//! The cycle's end: outputs with every setpoint, and the wait in force.
+//! The cycle's end: the outputs of every setpoint, and the wait in force.
 
 use evolvent_machine::{EstopSettings, MAX_SPINDLES, OutputRule, OutputSettings, SignalKind, SignalSettings};
 
@@ -13,13 +13,13 @@ use crate::spindle_tracker::{SpindleMotion, SpindleTracker};
 use crate::virtual_spindle::VirtualSpindle;
 use crate::wait::ActiveWait;
 
-/// The feed follows the measured speed of the spindle where they differ by more than this.
+/// Relative difference from which on the feed follows the measured speed of the spindle.
 const FEED_HYSTERESIS: f64 = 0.01;
 
-/// What the machine is doing, as far as outputs have a rule for it.
+/// The state of the machine that determines safe outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// A program runs, or nothing does.
+    /// A program runs, or none does.
     Runs,
     /// A feed hold has stopped the axes.
     Held,
@@ -31,20 +31,20 @@ pub enum Phase {
     Fault,
 }
 
-/// How far a program is with one setpoint.
+/// The progress of a program at one setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
-    /// Actions that have taken effect.
+    /// Number of actions that have taken effect.
     pub actions: u32,
-    /// Blocks that have begun: the number of the present one + 1.
+    /// Number of blocks that have begun: the number of the present one + 1.
     pub blocks: u32,
-    /// What the machine is doing.
+    /// The state of the machine.
     pub phase: Phase,
     /// X of the tool in machine coordinates, mm.
     pub x_mm: f64,
 }
 
-/// The outputs that one rule makes safe.
+/// The outputs that one rule sets to their safe values.
 #[derive(Clone, Copy, Debug, Default)]
 struct Mask {
     digital: u64,
@@ -76,7 +76,7 @@ impl Mask {
 /// Outputs, inputs and waits in the cycle. Nothing here allocates or frees.
 #[derive(Debug)]
 pub struct Signals {
-    /// Of the program that runs.
+    /// The schedule of the program that runs.
     schedule: Option<ScheduleConsumer>,
     lead_cycles: u32,
     safe: OutputImage,
@@ -85,33 +85,33 @@ pub struct Signals {
     on_end: Mask,
     all: Mask,
     estop: Option<EstopSettings>,
-    /// As the program has set them.
+    /// The outputs as the program has set them.
     programmed: OutputImage,
     overrides: OverrideSwitches,
     feed_law: FeedLaw,
-    /// By what the feed of the plan was multiplied last.
+    /// The last factor on the feed of the plan.
     feed_ratio: f64,
-    /// Highest speed of each spindle, rpm; infinite where it is not known.
+    /// Maximum speed of each spindle, rpm; infinite if unknown.
     max_rpm: [f64; MAX_SPINDLES as usize],
     /// The spindle whose angle motion follows.
     follows: u32,
     inputs: InputImage,
     probe: ProbeInput,
     tracker: SpindleTracker,
-    /// What turns where time is not real.
+    /// The spindles with the virtual clock.
     virtual_spindles: [VirtualSpindle; MAX_SPINDLES as usize],
     period_s: f64,
-    /// Setpoints after which a sample of the angle is too old: what holds for every input, where the
-    /// publisher says nothing either.
+    /// Number of setpoints after which a sample of the angle is too old. The limit is the same as for every
+    /// input, and applies also when the publisher is silent.
     stale_cycles: f64,
     wait: Option<ActiveWait>,
-    /// The wait is over, and the program may go on.
+    /// The wait is over and the program may continue.
     go_on: bool,
 }
 
 impl Signals {
-    /// Every output at its safe value, no input known, no program. `lead_cycles`: from the computing of a
-    /// setpoint until it is due. `period_ns`: from one setpoint to the next.
+    /// Every output at its safe value, no input known, no program. `lead_cycles` is the time from the
+    /// computation of a setpoint until it is due; `period_ns` is the period.
     #[must_use]
     pub fn new(settings: &SignalSettings, lead_cycles: u32, period_ns: u64) -> Self {
         let period_s = period_ns as f64 * 1e-9;
@@ -150,16 +150,16 @@ impl Signals {
         }
     }
 
-    /// A program begins: from now on its schedule is carried out. Outputs stay as they are. Hands back the
-    /// schedule of a program that has not been ended.
+    /// Starts a program: from now on its schedule is executed. Outputs stay as they are. Returns the schedule
+    /// of a program that has not been ended.
     pub fn begin_program(&mut self, schedule: ScheduleConsumer) -> Option<ScheduleConsumer> {
         let before = self.end_program();
         self.schedule = Some(schedule);
         before
     }
 
-    /// The program is over, and so is a wait of it; every override counts again. Hands its schedule back, to
-    /// be dropped where time does not matter.
+    /// Ends the program and any wait of it; every override is enabled again. Returns its schedule, to be
+    /// dropped outside the cycle.
     pub fn end_program(&mut self) -> Option<ScheduleConsumer> {
         (self.wait, self.go_on) = (None, false);
         (self.overrides, self.feed_law) = (OverrideSwitches::default(), FeedLaw::default());
@@ -167,7 +167,7 @@ impl Signals {
         self.schedule.take()
     }
 
-    /// Goes on with these outputs: those that were set before.
+    /// Continues with these outputs, which were set before.
     pub fn go_on_with(&mut self, outputs: &OutputImage) {
         self.programmed = *outputs;
     }
@@ -184,11 +184,11 @@ impl Signals {
         &self.inputs
     }
 
-    /// Takes newer inputs: each sample in order, before the step of the setpoint that goes by them.
+    /// Takes newer inputs: each sample in order, before the step of the setpoint that uses them.
     pub fn observe(&mut self, inputs: &InputImage) {
         let is_of_other = self.inputs.angle_spindle != inputs.angle_spindle;
         if is_of_other {
-            // What was learned of one spindle is not that of another.
+            // The model of one spindle does not apply to another.
             self.tracker.forget();
         }
         let before = self.inputs.angle.filter(|_| !is_of_other);
@@ -201,15 +201,16 @@ impl Signals {
         self.probe.observe(&inputs.probe);
         match (&inputs.angle, before) {
             (None, Some(_)) => self.tracker.forget(),
-            // A sample is taken over when its time comes: a trace tells the two numbers one after the other.
+            // A sample is processed when its time changes: a trace records the two numbers one after the
+            // other.
             (Some(now), before) if before.is_none_or(|before| before.cycle != now.cycle) => {
                 self.tracker.observe(now);
             }
             _ => {}
         }
         if has_moved {
-            // The index pulse moves the zero: what was learned before it is of another angle. A trace tells
-            // this after the sample.
+            // The index pulse moves the zero: earlier samples refer to another zero. A trace records this
+            // after the sample.
             self.tracker.forget();
             if let Some(now) = &inputs.angle {
                 self.tracker.observe(now);
@@ -220,23 +221,23 @@ impl Signals {
         }
     }
 
-    /// What the newest sample says of the probe. Real-time safe.
+    /// The state of the probe in the newest sample. Real-time safe.
     #[must_use]
     pub fn probe_state(&self) -> ProbeState {
         self.inputs.probe.state
     }
 
-    /// What the next setpoint goes by of the probe. Once for each setpoint, after its samples.
+    /// The probe for the next setpoint. Call it once per setpoint, after its samples.
     pub fn take_probe(&mut self) -> ProbeInput {
         self.probe.take()
     }
 
-    /// How the spindle that motion follows turns when the setpoint of this number is due.
+    /// The motion of the spindle that motion follows when the setpoint with this number is due.
     #[must_use]
     pub fn spindle_at(&self, sequence: u64) -> SpindleInput {
         let cycle = sequence as f64;
         let state = self.inputs.spindle(self.follows);
-        // Samples of the spindle before may still come.
+        // Samples of the previous spindle may still arrive.
         let is_of_other = self.inputs.angle.is_some() && self.inputs.angle_spindle != self.follows;
         let knowledge = match (state.filter(|_| !is_of_other), self.tracker.newest_cycle()) {
             (Some(SpindleState::OBEDIENT), None) => SpindleKnowledge::Imagined,
@@ -267,7 +268,7 @@ impl Signals {
         }
     }
 
-    /// Whether the emergency-stop chain is open: its input is, or is not known.
+    /// Whether the emergency-stop chain is open: its input is open or unknown.
     #[must_use]
     pub fn is_estop_open(&self) -> bool {
         self.estop.is_some_and(|estop| {
@@ -285,32 +286,32 @@ impl Signals {
         found.map(|number| number as u32)
     }
 
-    /// Whether the machine rests for a wait, over or not: only this goes on from there.
+    /// Whether the machine is at rest for a wait, over or not. Only the end of the wait continues from there.
     #[must_use]
     pub fn is_waiting(&self) -> bool {
         self.wait.is_some() || self.go_on
     }
 
-    /// Whether the wait for which the machine rests is over.
+    /// Whether the wait in force is over.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.go_on
     }
 
-    /// The machine leaves its wait with the next setpoint: whether that was over.
+    /// The machine leaves its wait with the next setpoint. Returns whether the wait was over.
     pub fn take_resume(&mut self) -> bool {
         std::mem::take(&mut self.go_on)
     }
 
-    /// Which overrides count for the next setpoint, as the program has switched them up to the last one.
+    /// The overrides that are enabled for the next setpoint, as the program has switched them up to the last
+    /// one.
     #[must_use]
     pub fn overrides(&self) -> &OverrideSwitches {
         &self.overrides
     }
 
-    /// By what the feed of the plan is multiplied for the next setpoint, with the tool at X in machine
-    /// coordinates, mm. It stays as it is within 1 %, so that the plan is not asked for a feed of its own
-    /// with each setpoint.
+    /// The factor on the feed of the plan for the next setpoint, with the tool at X in machine coordinates,
+    /// mm. It is kept while it changes by at most 1 %, so that not every setpoint requests a new plan.
     pub fn feed_ratio(&mut self, x_mm: f64, spindle_overrides: &[f64; MAX_SPINDLES as usize]) -> f64 {
         let spindle = self.feed_law.spindle().unwrap_or(0) as usize;
         let of_spindle = |values: &[f64]| values.get(spindle).copied().unwrap_or(f64::INFINITY);
@@ -324,12 +325,12 @@ impl Signals {
         self.feed_ratio
     }
 
-    /// Sets outputs by hand, from the next setpoint on. Its moment counts for nothing.
+    /// Sets outputs by hand, from the next setpoint on. The moment of `change` is ignored.
     pub fn set_by_hand(&mut self, change: &Change) {
         self.programmed.apply(change);
     }
 
-    /// The outputs with a setpoint, the program having come so far. Once for each setpoint.
+    /// The outputs of a setpoint with this progress of the program. Call it once per setpoint.
     pub fn step(&mut self, progress: &Progress) -> OutputImage {
         self.carry_out(progress);
         self.turn_virtual_spindles(progress.x_mm);
@@ -346,8 +347,7 @@ impl Signals {
         image
     }
 
-    /// The spindles that follow their commands are a period further: how they turn when the next setpoint is
-    /// due.
+    /// Advances the virtual spindles by one period, to the time at which the next setpoint is due.
     fn turn_virtual_spindles(&mut self, x_mm: f64) {
         for (spindle, state) in self.virtual_spindles.iter_mut().zip(&self.inputs.spindles) {
             if *state == Some(SpindleState::OBEDIENT) {
@@ -356,7 +356,7 @@ impl Signals {
         }
     }
 
-    /// Goes on with the schedule up to here.
+    /// Executes the schedule up to this progress.
     fn carry_out(&mut self, progress: &Progress) {
         let Some(schedule) = &mut self.schedule else {
             return;
@@ -366,11 +366,12 @@ impl Signals {
         {
             self.wait = None;
             self.go_on = true;
-            // The program waits for each before the next, so there is room.
+            // The program waits for each result before the next wait, so there is capacity.
             let _room = schedule.results.push(result);
         }
         loop {
-            // A wait holds back what is scheduled after it; none begins while one is in force.
+            // A wait at the head of the queue holds back the entries after it. It begins only when no other
+            // wait is in force.
             let is_waiting = self.wait.is_some() || self.go_on;
             let has_come = match schedule.ahead.peek().map(Box::as_ref) {
                 Ok(Scheduled::Change(change)) => match change.moment {
@@ -405,7 +406,8 @@ impl Signals {
                 }
             }
             if let Err(rtrb::PushError::Full(scheduled)) = schedule.spent.push(scheduled) {
-                // As long as the queue before it, so there is room; freeing here would be work for the cycle.
+                // This queue is as long as the one before it, so it has capacity. Freeing here would be work
+                // for the cycle.
                 std::mem::forget(scheduled);
             }
         }
@@ -458,7 +460,7 @@ mod tests {
         assert_eq!(measured(&mut signals, Some(506.0)), 0.506);
         assert_eq!(measured(&mut signals, Some(0.0)), 0.0, "it stands");
         assert_eq!(measured(&mut signals, Some(1.0)), 0.001, "it turns again");
-        // It is not measured: as commanded, whatever was driven before.
+        // The speed is not measured: the commanded speed counts, whatever was driven before.
         assert_eq!(measured(&mut signals, None), 1.0);
         assert_eq!(signals.feed_ratio(0.0, &[0.9, 3.0, 3.0, 3.0]), 0.9);
         assert_eq!(measured(&mut signals, Some(995.0)), 0.995);

@@ -1,17 +1,16 @@
-//! What a cycle goes by of a spindle's angle.
+//! The angle of a spindle, as one cycle uses it.
 
 use crate::spindle_tracker::{AngleJet, HARMONICS};
 
 /// What is known of the angle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SpindleKnowledge {
-    /// It is not reported, or has not been for too long.
+    /// It is not reported, or the last report is too old.
     #[default]
     Unknown,
-    /// Time is not real and it is not reported: the spindle turns as commanded, and its angle is known from
-    /// that.
+    /// With the virtual clock it is not reported: the spindle turns as commanded, which gives its angle.
     Imagined,
-    /// It is reported, but not for long enough, or the index pulse has not been seen.
+    /// It is reported, but for too short a time, or the index pulse has not been seen.
     Seeking,
     /// It is known.
     Tracked,
@@ -22,8 +21,8 @@ pub enum SpindleKnowledge {
 pub struct SpindleInput {
     /// What is known of it. The other fields are 0 if it is unknown or being sought.
     pub knowledge: SpindleKnowledge,
-    /// Angle since the index pulse, speed and acceleration of an even spindle.
+    /// Angle since the index pulse, speed and acceleration, without the periodic deviation.
     pub mean: AngleJet,
-    /// What each harmonic of the turn adds to it.
+    /// The contribution of each harmonic of one turn.
     pub ripple: [AngleJet; HARMONICS],
 }

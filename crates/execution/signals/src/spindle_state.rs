@@ -1,15 +1,14 @@
-//! How a spindle is, as far as the cycle goes by it.
+//! The state of a spindle, as the cycle uses it.
 
 /// Bits below the number of the command.
 const BITS: u32 = 5;
 /// The highest command number that fits into a double beside the bits.
 const MAX_COMMAND: u64 = (1 << (f64::MANTISSA_DIGITS - BITS)) - 1;
 
-/// A spindle with respect to what it was commanded last.
+/// The state of a spindle with respect to its last command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpindleState {
-    /// The command that it was given last: the number that the program's thread has given to it. Numbers
-    /// grow.
+    /// The number of its last command, assigned by the thread of the program. Numbers increase.
     pub command: u64,
     /// It executes that command and has reached its speed.
     pub at_speed: bool,
@@ -17,14 +16,14 @@ pub struct SpindleState {
     pub oriented: bool,
     /// Its drive is in fault.
     pub fault: bool,
-    /// It has to turn, and its rotation is not reported.
+    /// It is commanded to turn, and its rotation is not reported.
     pub silent: bool,
     /// Its angle is counted from the index pulse.
     pub indexed: bool,
 }
 
 impl SpindleState {
-    /// Follows its command at once: a spindle where time is not real.
+    /// Follows its command at once: a spindle with the virtual clock.
     pub const OBEDIENT: Self = Self {
         command: MAX_COMMAND,
         at_speed: true,
@@ -34,7 +33,7 @@ impl SpindleState {
         indexed: true,
     };
 
-    /// As one number, exactly: for a trace.
+    /// The state as one number, exactly: for a trace.
     #[must_use]
     pub fn to_number(self) -> f64 {
         let bits = [
@@ -51,7 +50,7 @@ impl SpindleState {
         (self.command.min(MAX_COMMAND) << BITS | low) as f64
     }
 
-    /// The state of a number; `None` if no state has that number.
+    /// The state with this number; `None` if there is none.
     #[must_use]
     pub fn from_number(number: f64) -> Option<Self> {
         let whole = number as u64;

@@ -1,51 +1,51 @@
-//! The angle of a spindle at any instant, from samples that are late, quantised and of uneven speed.
+//! The angle of a spindle at any instant, from samples that are late and quantised, at varying speed.
 //!
-//! A Kalman filter whose state is the angle `u` of an even spindle, its speed and acceleration, and the first
-//! harmonics of the turn by which the true angle differs from it:
-//! `phi = u + sum(c_k cos 2 pi k phi + s_k sin 2 pi k phi)`. The acceleration and the harmonics drift at
-//! random. What repeats every turn (an uneven transmission, a bent encoder shaft, the teeth of the motor) is
-//! learned and told apart from what the speed does, so that the angle a few milliseconds ahead is known
-//! better than the newest sample extended by its speed.
+//! A Kalman filter. Its state is the angle `u` of an even spindle, its speed and acceleration, and the first
+//! harmonics of one turn, by which the true angle differs: `phi = u + sum(c_k cos 2 pi k phi + s_k sin 2 pi k
+//! phi)`. Acceleration and harmonics drift at random. The filter learns deviations that repeat every turn (an
+//! uneven transmission, a bent encoder shaft, the teeth of the motor) and separates them from changes of
+//! speed. Its prediction for a few milliseconds ahead is more accurate than the newest sample extrapolated at
+//! its speed.
 
 use std::f64::consts::TAU;
 
 use crate::encoder_step::EncoderStep;
 
-/// Harmonics of the turn that are learned.
+/// Number of harmonics of one turn that are learned.
 pub const HARMONICS: usize = 3;
 /// Angle, speed, acceleration.
 const MEAN: usize = 3;
 const STATES: usize = MEAN + 2 * HARMONICS;
 
-/// The finest step of an encoder that is distinguished, turns. Finer ones do no harm.
+/// The smallest step of an encoder that is distinguished, turns. Smaller steps have no effect.
 const FINEST_STEP: f64 = 1.0 / 4096.0;
-/// How fast the acceleration drifts, turns^2/s^5: the filter then follows up to some 15 Hz at 1000 samples a
-/// second.
+/// Drift of the acceleration, turns^2/s^5: the filter then follows changes up to about 15 Hz at 1000 samples
+/// per second.
 const ACCELERATION_DRIFT: f64 = 5.0;
-/// Errors of the prediction, as multiples of what is to be expected squared and smoothed, above which the
-/// spindle does something else than before: it is braked, reversed or loaded.
+/// Threshold of the smoothed squared prediction error, as a multiple of its expected value. Above it the
+/// spindle has changed its motion: it is braked, reversed or loaded.
 const SURPRISE: f64 = 4.0;
-/// Fraction of the newest error in the smoothed one.
+/// Weight of the newest error in the smoothed one.
 const SURPRISE_FRACTION: f64 = 0.25;
-/// How wrong the acceleration may be then, turns/s^2.
+/// Standard deviation of the acceleration above that threshold, turns/s^2.
 const SURPRISE_ACCELERATION: f64 = 6.0;
-/// How fast harmonics drift, turns^2/s: they are learned over some seconds.
+/// Drift of the harmonics, turns^2/s: they are learned within a few seconds.
 const HARMONIC_DRIFT: f64 = 2.5e-12;
-/// Standard deviations at the start: turns/s, turns/s^2, and turns of a harmonic.
+/// Initial standard deviations: turns/s, turns/s^2, and turns of a harmonic.
 const START: [f64; 3] = [100.0, 50.0, 3e-3];
-/// A sample that comes later than this after the one before begins again, s.
+/// Maximum time between two samples, s; after a longer gap the filter starts again.
 const GAP_S: f64 = 0.2;
-/// Minimum number of samples before a prediction counts.
+/// Minimum number of samples before a prediction is used.
 const SETTLING_SAMPLES: u32 = 24;
-/// Minimum angle before a prediction counts, turns, so that every harmonic was seen.
+/// Minimum angle before a prediction is used, turns, so that every harmonic has been observed.
 const SETTLING_TURNS: f64 = 1.25;
-/// Minimum time before a prediction counts, s.
+/// Minimum time before a prediction is used, s.
 const SETTLING_S: f64 = 0.06;
 
 /// The angle of a spindle at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SpindleAngle {
-    /// When it was, as the number of the setpoint that is due then; between two setpoints a fraction.
+    /// Time of the sample, as the number of the setpoint that is due then; a fraction between two setpoints.
     pub cycle: f64,
     /// Turns since the index pulse, negative counter-clockwise.
     pub turns: f64,
@@ -57,20 +57,20 @@ pub type AngleJet = [f64; 3];
 /// The motion of a spindle at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SpindleMotion {
-    /// Of the even spindle.
+    /// Motion without the periodic deviation.
     pub mean: AngleJet,
-    /// What each harmonic of the turn adds.
+    /// Contribution of each harmonic of one turn.
     pub ripple: [AngleJet; HARMONICS],
 }
 
-/// Predicts the angle. Neither allocates nor waits; a sample costs some hundred multiplications.
+/// Predicts the angle. Neither allocates nor waits; a sample costs several hundred multiplications.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpindleTracker {
     period_s: f64,
     last: Option<SpindleAngle>,
     state: [f64; STATES],
     covariance: [[f64; STATES]; STATES],
-    /// Of the encoder, as its samples tell.
+    /// Step of the encoder, estimated from its samples.
     step: EncoderStep,
     surprise: f64,
     samples: u32,
@@ -79,7 +79,7 @@ pub struct SpindleTracker {
 }
 
 impl SpindleTracker {
-    /// Nothing is known yet. `period_s`: from one setpoint to the next, s.
+    /// A filter without samples. `period_s` is the time from one setpoint to the next, s.
     #[must_use]
     pub const fn new(period_s: f64) -> Self {
         Self {
@@ -100,7 +100,7 @@ impl SpindleTracker {
         self.last = None;
     }
 
-    /// Takes a sample. One that is not later than the last, or is no number, is left alone.
+    /// Processes a sample. A sample that is not later than the last one, or not finite, is ignored.
     pub fn observe(&mut self, sample: &SpindleAngle) {
         if !sample.cycle.is_finite() || !sample.turns.is_finite() {
             return;
@@ -121,13 +121,13 @@ impl SpindleTracker {
         }
     }
 
-    /// When the newest sample was taken, as a number of a setpoint.
+    /// Time of the newest sample, as the number of a setpoint.
     #[must_use]
     pub fn newest_cycle(&self) -> Option<f64> {
         self.last.map(|last| last.cycle)
     }
 
-    /// Whether enough was seen to go by it.
+    /// Whether the filter has seen enough samples for its predictions to be used.
     #[must_use]
     pub fn is_settled(&self) -> bool {
         self.last.is_some()
@@ -136,7 +136,7 @@ impl SpindleTracker {
             && self.seconds >= SETTLING_S
     }
 
-    /// The motion when the setpoint of this number is due; none before the first sample.
+    /// The motion when the setpoint with this number is due; `None` before the first sample.
     #[must_use]
     pub fn at(&self, cycle: f64) -> Option<SpindleMotion> {
         let ahead_s = (cycle - self.last?.cycle) * self.period_s;
@@ -146,7 +146,7 @@ impl SpindleTracker {
             speed + ahead_s * acceleration,
             acceleration,
         ];
-        // The harmonics count by the true angle, which is the mean one and these.
+        // The harmonics are functions of the true angle, which is the mean angle plus the harmonics.
         let angle = mean[0] + self.deviation(mean[0]);
         let mut ripple = [[0.0; 3]; HARMONICS];
         for (order, jet) in ripple.iter_mut().enumerate() {
@@ -185,7 +185,7 @@ impl SpindleTracker {
             .sum()
     }
 
-    /// Of a sample, turns squared: evenly wrong within a step.
+    /// Variance of a sample, turns squared: a uniform error within one step.
     fn sample_variance(&self) -> f64 {
         let step = self.step.turns().max(FINEST_STEP);
         step * step / 12.0
@@ -197,7 +197,7 @@ impl SpindleTracker {
         self.state[0] = sample.turns;
         self.covariance = [[0.0; STATES]; STATES];
         let [speed, acceleration, harmonic] = START;
-        // The angle of the even spindle differs from the sample by what the harmonics may be.
+        // The angle of the even spindle differs from the sample by the harmonics.
         self.covariance[0][0] = self.sample_variance() + harmonic * harmonic;
         self.covariance[1][1] = speed * speed;
         self.covariance[2][2] = acceleration * acceleration;
@@ -273,7 +273,7 @@ mod tests {
 
     const PERIOD_S: f64 = 1e-3;
 
-    /// A spindle of even speed but for one harmonic, with an encoder.
+    /// A spindle of constant speed plus one harmonic, with an encoder.
     struct Uneven {
         rev_s: f64,
         order: f64,
@@ -282,7 +282,7 @@ mod tests {
     }
 
     impl Uneven {
-        /// By the integral of the speed in small steps: nothing of the filter's model.
+        /// Integrates the speed in small steps, without the model of the filter.
         fn angles(&self, seconds: f64) -> Vec<f64> {
             let steps = 50;
             let dt = PERIOD_S / f64::from(steps);
@@ -302,7 +302,8 @@ mod tests {
         }
     }
 
-    /// The largest error of the angle `ahead` setpoints after each sample, once it is settled, turns.
+    /// The maximum error of the angle `ahead` setpoints after each sample, once the filter has settled,
+    /// turns.
     fn worst(spindle: &Uneven, ahead: usize) -> f64 {
         let angles = spindle.angles(4.0);
         let mut tracker = SpindleTracker::new(PERIOD_S);
@@ -324,7 +325,7 @@ mod tests {
         worst
     }
 
-    /// The angle that a coarse encoder shows is a staircase; the spindle's speed is even all the same.
+    /// The angle of a coarse encoder is a staircase although the speed of the spindle is constant.
     #[test]
     fn a_coarse_encoder_is_predicted_within_its_step() {
         for counts in [72.0, 100.0, 256.0, 400.0, 1024.0, 2500.0, 4096.0] {
@@ -362,7 +363,7 @@ mod tests {
 
     #[test]
     fn a_spindle_that_speeds_up_is_followed() {
-        // 2000 rpm/s from 600 rpm on, then even again.
+        // 2000 rpm/s from 600 rpm on, then constant again.
         let mut tracker = SpindleTracker::new(PERIOD_S);
         let (mut turns, mut speed, mut worst) = (0.0, 10.0, 0.0_f64);
         let mut foretold = Vec::new();

@@ -1,14 +1,14 @@
-//! The angle of a spindle where time is not real and no encoder reports one.
+//! The angle of a spindle with the virtual clock when no encoder reports one.
 
 use evolvent_machine::SpindleSettings;
 use evolvent_path::SpindleSpeed;
 
 use crate::spindle_tracker::AngleJet;
 
-/// Time in which a spindle reaches its speed from rest where the machine file gives no rate, s.
+/// Time in which a spindle reaches its speed from rest if the machine file gives no rate, s.
 const SPEED_UP_S: f64 = 0.25;
 
-/// How a spindle is to turn from a moment on.
+/// The target of a spindle from a moment on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpindleTarget {
     /// Number of the spindle.
@@ -19,9 +19,9 @@ pub struct SpindleTarget {
     pub speed: SpindleSpeed,
 }
 
-/// A spindle that turns as commanded: it changes its speed at a constant rate, and its angle goes on from
-/// pass to pass. The angle is 0 where the run begins. It depends on commands and the number of setpoints
-/// alone, so the same program gives the same bits.
+/// A spindle that turns as commanded: it changes its speed at a constant rate, and its angle continues from
+/// pass to pass. The angle is 0 at the start of the run. It depends only on the commands and the number of
+/// setpoints, so the same program gives the same bits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct VirtualSpindle {
     /// Turns, turns/s and turns/s^2; negative counter-clockwise.
@@ -31,13 +31,13 @@ pub(crate) struct VirtualSpindle {
     max_rpm: f64,
     /// Turns/s^2, from the machine file.
     rate: Option<f64>,
-    /// Highest speed since the last command and the one at it, turns/s: sets the rate where the machine file
-    /// gives none.
+    /// Maximum of the speeds since the last command and the speed at the command, turns/s. It determines the
+    /// rate if the machine file gives none.
     fastest: f64,
 }
 
 impl VirtualSpindle {
-    /// At rest. `settings`: of the machine file, where it has this spindle.
+    /// A spindle at rest. `settings` are those of the machine file, if it has this spindle.
     pub(crate) fn new(settings: Option<&SpindleSettings>) -> Self {
         Self {
             motion: [0.0; 3],
@@ -56,20 +56,21 @@ impl VirtualSpindle {
         self.motion
     }
 
-    /// Turns so from the next setpoint on.
+    /// Sets the target from the next setpoint on.
     pub(crate) fn command(&mut self, target: &SpindleTarget) {
         (self.sign, self.speed) = (target.sign, target.speed);
         self.fastest = self.motion[1].abs();
     }
 
-    /// One period, with the tool at X in machine coordinates, mm.
+    /// Advances by one period, with the tool at X in machine coordinates, mm.
     pub(crate) fn advance(&mut self, x_mm: f64, period_s: f64) {
         let [turns, speed, _] = self.motion;
         let wanted = self.sign * self.speed.overridden_rpm_at(x_mm, 1.0, self.max_rpm) / 60.0;
         self.fastest = self.fastest.max(wanted.abs());
         let most = self.rate.unwrap_or(self.fastest / SPEED_UP_S) * period_s;
         let change = (wanted - speed).clamp(-most, most);
-        // The speed itself at the end: a sum could miss it by its last bit, and would never rest.
+        // The speed ends at exactly the commanded value: a sum could miss it by the last bit, and the spindle
+        // would never stop.
         let next = if change == wanted - speed {
             wanted
         } else {
@@ -110,7 +111,7 @@ mod tests {
         let before = spindle.motion()[0];
         advance(&mut spindle, 3000);
         assert!((spindle.motion()[0] - before - 40.0).abs() < 1e-9);
-        // The other way: 0.25 s to rest, and as long to the speed.
+        // The other direction: 0.25 s to rest, and 0.25 s to the speed.
         spindle.command(&target(-1.0, 800.0));
         advance(&mut spindle, 250);
         assert!(spindle.motion()[1].abs() < 1e-9, "{:?}", spindle.motion());

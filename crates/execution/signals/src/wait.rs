@@ -4,10 +4,10 @@ use evolvent_machine::SignalKind;
 
 use crate::image::InputImage;
 
-/// What is waited for.
+/// The condition of a wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WaitMode {
-    /// Nothing: the value of the moment (L0).
+    /// None: returns the present value (L0).
     Immediate,
     /// From off to on (L1).
     Rise,
@@ -34,30 +34,30 @@ impl WaitMode {
     }
 }
 
-/// What a wait is for.
+/// The object of a wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Awaited {
-    /// An input (M66). An analog one knows [`WaitMode::Immediate`] only.
+    /// An input (M66). An analog one supports only [`WaitMode::Immediate`].
     Input {
         /// Digital or analog.
         kind: SignalKind,
         /// Which input.
         number: u32,
-        /// What is waited for.
+        /// The condition.
         mode: WaitMode,
     },
     /// A spindle that has reached its speed.
     AtSpeed {
-        /// Which.
+        /// The number of the spindle.
         spindle: u32,
-        /// The command that it has to obey, or a later one.
+        /// The command that it has to execute, or a later one.
         command: u64,
     },
-    /// A spindle that stands at its angle (M19), likewise.
+    /// A spindle that is stopped at its angle (M19).
     Oriented {
-        /// Which.
+        /// The number of the spindle.
         spindle: u32,
-        /// The command that it has to obey, or a later one.
+        /// The command that it has to execute, or a later one.
         command: u64,
     },
 }
@@ -65,21 +65,21 @@ pub enum Awaited {
 /// A wait for an input or a spindle, at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputWait {
-    /// The action with which the machine stops for it.
+    /// The action at which the machine stops for it.
     pub action: u32,
-    /// What it is for.
+    /// The object of the wait.
     pub awaited: Awaited,
-    /// Setpoints until it is given up.
+    /// Number of setpoints after which the wait is given up.
     pub timeout_cycles: u64,
 }
 
-/// What came of a wait.
+/// The result of a wait.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WaitResult {
     /// The wait's action.
     pub action: u32,
-    /// The input's value, 1 of a spindle that is as it should be; none after the timeout, or where it was not
-    /// known.
+    /// The value of the input, 1 for a spindle that meets its condition; `None` after the timeout, or if the
+    /// value is unknown.
     pub value: Option<f64>,
 }
 
@@ -87,12 +87,12 @@ pub struct WaitResult {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ActiveWait {
     pub(crate) wait: InputWait,
-    /// Setpoints until the one at which the axes rest is due.
+    /// Setpoints until the one at which the axes are at rest is due.
     lead: u32,
     waited: u64,
-    /// The state before, where that was known.
+    /// The previous state, if known.
     before: Option<bool>,
-    /// The edge has come.
+    /// The edge has occurred.
     edge: bool,
 }
 
@@ -107,7 +107,7 @@ impl ActiveWait {
         }
     }
 
-    /// Looks at one sample of the inputs: an edge between two setpoints counts as well.
+    /// Processes one sample of the inputs: an edge between two setpoints counts as well.
     pub(crate) fn observe(&mut self, inputs: &InputImage) {
         let Awaited::Input { kind, number, mode } = self.wait.awaited else {
             return;
@@ -123,7 +123,7 @@ impl ActiveWait {
         self.before = now;
     }
 
-    /// After the samples of one setpoint: what came of the wait, if it is over.
+    /// Called after the samples of one setpoint. Returns the result of the wait once it is over.
     pub(crate) fn step(&mut self, inputs: &InputImage) -> Option<WaitResult> {
         if self.lead > 0 {
             self.lead -= 1;
@@ -138,7 +138,7 @@ impl ActiveWait {
                 let value = inputs.value(kind, number);
                 match mode {
                     WaitMode::Immediate => return Some(result(value)),
-                    // What was waited for, even where the input has changed back since.
+                    // The awaited value, even if the input has changed back since.
                     WaitMode::Rise => self.edge.then_some(1.0),
                     WaitMode::Fall => self.edge.then_some(0.0),
                     WaitMode::High => value.filter(|value| *value != 0.0).map(|_| 1.0),

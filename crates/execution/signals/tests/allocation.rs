@@ -90,7 +90,7 @@ fn a_wait_begins_a_lead_later_and_ends_by_its_timeout() {
             signals.step(&progress(5));
             cycles += 1;
         }
-        // One with which it begins, the lead, and its time.
+        // One setpoint at which the wait begins, the lead, and its time.
         assert_eq!(cycles, 1 + u64::from(lead) + 25, "lead {lead}");
         assert_eq!(scheduler.result().unwrap().value, None);
     }

@@ -1,4 +1,4 @@
-//! What goes in and what comes out, both checked.
+//! Checks of the input and of the result.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, AxisLetter};
@@ -7,13 +7,13 @@ use crate::error::{Place, Quantity, TransferError};
 use crate::state::{AxesState, AxisLimits, AxisState};
 use crate::track::Track;
 
-/// Share of a limit by which a state may be beyond it: it comes from a plan that was rounded.
+/// Fraction of a limit by which a state may exceed it: states come from plans and are rounded.
 const SLACK: f64 = 1e-6;
-/// Share of a limit by which a move may be beyond it.
+/// Fraction of a limit by which a move may exceed it.
 const MARGIN: f64 = 3e-6;
-/// How exactly places are known, mm or degrees.
+/// Tolerance of positions, mm or degrees.
 const PLACE: f64 = 1e-9;
-/// What a machine's limit may be.
+/// Valid range of a machine's limits.
 const USABLE: std::ops::RangeInclusive<f64> = 1e-6..=1e12;
 
 /// Checks limits and both states.
@@ -72,7 +72,7 @@ fn finite(axis: AxisLetter, place: Place, state: AxisState) -> Result<(), Transf
 fn within(limits: &Limits, axis: AxisLetter, place: Place, state: AxisState) -> Result<(), TransferError> {
     let i = axis.index();
     let (min, max) = (limits.travel_min[i], limits.travel_max[i]);
-    // Not (inside) so that a travel that is not a number is refused.
+    // Negated so that a travel that is not a number is rejected.
     if !(state.p >= min - PLACE && state.p <= max + PLACE) {
         return Err(TransferError::OutsideTravel {
             axis,
@@ -101,7 +101,7 @@ fn within(limits: &Limits, axis: AxisLetter, place: Place, state: AxisState) -> 
     Ok(())
 }
 
-/// The speed at which acceleration can be zero soonest: after the start, or before the target.
+/// The speed at which the acceleration can first be zero: after the start, or before the target.
 fn unavoidable_speed(place: Place, state: AxisState, jerk: f64) -> f64 {
     match place {
         Place::Start => state.relaxed_speed(jerk),
@@ -118,7 +118,7 @@ pub(crate) fn limits_of(limits: &Limits, axis: usize) -> AxisLimits {
     }
 }
 
-/// Checks every limit, the travel, the ends and that the pieces fit together, on the pieces alone.
+/// Checks every limit, the travel, both ends and the continuity of the pieces, from the pieces alone.
 pub(crate) fn exit(
     limits: &Limits,
     from: &AxesState,
@@ -134,7 +134,7 @@ pub(crate) fn exit(
     Ok(())
 }
 
-/// Largest magnitudes over a track, and its range.
+/// Maximum magnitudes over a track, and its range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Extremes {
     pub v: f64,
@@ -144,7 +144,7 @@ pub(crate) struct Extremes {
     pub max: f64,
 }
 
-/// The extremes of all pieces: their ends, and where the next derivative passes zero inside.
+/// The extremes of all pieces: at their ends, and where the next derivative is zero inside.
 pub(crate) fn extremes(track: &Track) -> Extremes {
     let end = track.end();
     let mut found = Extremes {
@@ -167,7 +167,7 @@ pub(crate) fn extremes(track: &Track) -> Extremes {
         see(0.0);
         see(piece.duration_s);
         see(-piece.acceleration / piece.jerk);
-        // v + a t + j t^2 / 2 = 0, in the form that does not cancel.
+        // v + a t + j t^2 / 2 = 0, in the form without cancellation.
         let (a, v, half) = (piece.acceleration, piece.velocity, 0.5 * piece.jerk);
         let root = (a * a - 4.0 * half * v).max(0.0).sqrt();
         let q = -0.5 * (a + root.copysign(a));
@@ -192,7 +192,7 @@ fn axis_exit(
         (Quantity::Acceleration, found.a, limits.acceleration[i]),
         (Quantity::Jerk, found.j, limits.jerk[i]),
     ] {
-        // Not (within) so that NaN fails.
+        // Negated so that NaN fails.
         if !(value <= limit * (1.0 + MARGIN)) {
             return Err(TransferError::Unsolved {
                 axis,
@@ -202,7 +202,7 @@ fn axis_exit(
             });
         }
     }
-    // Pieces fit together, begin at the start and end at the target.
+    // The pieces are continuous, begin at the start and end at the target.
     let mut state = track.pieces().first().map_or(track.end(), |piece| piece.state());
     differs(limits, axis, state, from)?;
     let mut time = 0.0;
@@ -262,7 +262,7 @@ fn differs(limits: &Limits, axis: AxisLetter, is: AxisState, wanted: AxisState) 
     Ok(())
 }
 
-/// Which axes have to move at all; none where everything is as it shall be already, be it at rest or not.
+/// The axes that have to move; none if the state is the target already, at rest or moving.
 pub(crate) fn moving(limits: &Limits, from: &AxesState, to: &AxesState) -> Vec<usize> {
     if from == to {
         return Vec::new();
@@ -275,7 +275,7 @@ pub(crate) fn moving(limits: &Limits, from: &AxesState, to: &AxesState) -> Vec<u
         .collect()
 }
 
-/// Largest magnitude of the axes listed.
+/// Maximum magnitude of the listed axes.
 pub(crate) fn largest(values: &Axes, axes: &[usize]) -> f64 {
     axes.iter().fold(0.0, |most, &i| values[i].abs().max(most))
 }
@@ -300,7 +300,7 @@ mod tests {
         assert!((found.max - at(0.5).max(at(2.0))).abs() < 1e-15);
         assert!((found.min - at(1.5).min(0.0)).abs() < 1e-15);
         assert_eq!((found.v, found.a, found.j), (0.375, 1.0, 1.0));
-        // Speed has its extreme inside where it is largest there.
+        // A case in which the maximum speed is inside the piece.
         let start = AxisState {
             p: 0.0,
             v: 0.0,
@@ -330,7 +330,7 @@ mod tests {
             axis_exit(limits, AxisLetter::X, from, to, &track)
         };
         assert_eq!(verdict(&limits, rest, end, &good), Ok(()));
-        // Another start, another target, more of a derivative than permitted, out of the travel.
+        // Another start, another target, a derivative above its limit, a position outside the travel.
         let other = AxisState { v: 1e-6, ..rest };
         assert!(verdict(&limits, other, end, &good).is_err());
         assert!(verdict(&limits, rest, AxisState { a: 1e-6, ..end }, &good).is_err());

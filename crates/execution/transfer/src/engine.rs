@@ -1,15 +1,15 @@
-//! The only place that names ruckig.
+//! The only module that names ruckig.
 //!
-//! What this module keeps from it:
+//! What this module guards against:
 //! - *Waypoints.* The published build sends `intermediate_positions` in plain HTTP to a server of the vendor.
-//!   No function here takes waypoints, the list is emptied before every call, and the solver is made with
-//!   room for none.
-//! - *Short vectors.* The C++ side reads as many numbers as there are axes, whatever the length of the
-//!   vector: every vector is built here from the same tasks.
-//! - *Units.* Its tolerances are absolute (1e-8 for position and velocity): tasks are scaled to numbers
-//!   around 1.
-//! - *Trust.* It may fail, and what it gives is only samples of position, velocity and acceleration; see
-//!   `recover` for the pieces.
+//!   No function here takes waypoints, the list is emptied before every call, and the solver is created with
+//!   a capacity of none.
+//! - *Short vectors.* The C++ side reads one number per axis, whatever the length of the vector: every vector
+//!   is built here from the same tasks.
+//! - *Units.* The tolerances of ruckig are absolute (1e-8 for position and velocity): tasks are scaled to
+//!   numbers around 1.
+//! - *Failures.* ruckig may fail, and it returns only samples of position, velocity and acceleration;
+//!   `recover` finds the pieces.
 
 use ruckig::{ControlInterface, InputParameter, Result as Answer, Ruckig, Synchronization, Trajectory};
 
@@ -17,14 +17,15 @@ use crate::landing::Steps;
 use crate::recover::{Recorded, recover};
 use crate::state::{AxisState, AxisTask};
 
-/// Units of the problem that ruckig receives: one of time, one of length for each axis.
+/// Units of the problem for ruckig: one of time, and one of length for each axis.
 #[derive(Clone, Debug)]
 pub(crate) struct Units {
     pub second: f64,
     pub length: Vec<f64>,
 }
 
-/// The fastest synchronised move, as steps in s and the tasks' own units; none where ruckig has no solution.
+/// The fastest synchronised move, as steps in s and the units of the tasks; `None` if ruckig finds no
+/// solution.
 pub(crate) fn fastest(tasks: &[AxisTask], units: &Units, limit_share: f64) -> Option<Vec<Steps>> {
     let count = tasks.len();
     if count == 0 || units.length.len() != count {
@@ -41,7 +42,7 @@ pub(crate) fn fastest(tasks: &[AxisTask], units: &Units, limit_share: f64) -> Op
             .map(|(task, length)| value(task) * t.powi(power) / length)
             .collect()
     };
-    // Positions are counted from the start: nothing of their size is left to round.
+    // Positions are relative to the start, so a large position causes no rounding.
     input.current_position = vec![0.0; count];
     input.current_velocity = scaled(&|task| task.from.v, 1);
     input.current_acceleration = scaled(&|task| task.from.a, 2);

@@ -22,7 +22,7 @@ impl fmt::Display for Place {
     }
 }
 
-/// What a number of an axis says.
+/// The quantity of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// mm or degrees.
@@ -61,7 +61,7 @@ pub enum TransferError {
         /// Its value.
         value: f64,
     },
-    /// A state is not a number.
+    /// A number of a state is not finite.
     #[error("the {place} {quantity} of axis {} is {value}; give a finite number", .axis.letter())]
     NotFinite {
         /// The axis.
@@ -73,13 +73,13 @@ pub enum TransferError {
         /// Its value.
         value: f64,
     },
-    /// An axis moves that the machine has not.
+    /// An axis moves that the machine does not have.
     #[error("the machine has no axis {}, but it is to move; leave its position and keep it at rest", .axis.letter())]
     NoSuchAxis {
         /// The axis.
         axis: AxisLetter,
     },
-    /// A state is beyond a limit, or cannot help exceeding it at once.
+    /// A state exceeds a limit, or must exceed it immediately afterwards.
     #[error(
         "axis {} at the {place} has a {quantity} of {value}, beyond its limit of {limit}; \
          slow down first, or choose a slower target", .axis.letter()
@@ -89,9 +89,9 @@ pub enum TransferError {
         axis: AxisLetter,
         /// Start or target.
         place: Place,
-        /// What is too large.
+        /// The quantity that is too large.
         quantity: Quantity,
-        /// How large; for velocity, with what the present acceleration still adds.
+        /// Its value; for velocity, including the speed that the present acceleration adds.
         value: f64,
         /// The limit.
         limit: f64,
@@ -107,14 +107,14 @@ pub enum TransferError {
         axis: AxisLetter,
         /// Start or target.
         place: Place,
-        /// Where.
+        /// The position.
         position: f64,
         /// Lowest position of the travel.
         min: f64,
         /// Highest position of the travel.
         max: f64,
     },
-    /// Any move between the two states that was found leaves the travel on its way.
+    /// Every move that was found between the two states leaves the travel.
     #[error(
         "on its way axis {} would go to {position}, outside its travel of {min} to {max}: it is too fast to \
          turn round before; start slower or further inside", .axis.letter()
@@ -141,10 +141,10 @@ pub enum TransferError {
         place: Place,
         /// Velocity or acceleration.
         quantity: Quantity,
-        /// By how much.
+        /// The deviation.
         off: f64,
     },
-    /// Axes that move by themselves arrive at different times, so they cannot arrive moving.
+    /// Axes that move independently arrive at different times, so they cannot be moving at the target.
     #[error(
         "without synchronisation axes arrive at different times, so all must end at rest, but axis {} is to \
          end at velocity {velocity} and acceleration {acceleration}; synchronise in time", .axis.letter()
@@ -157,7 +157,7 @@ pub enum TransferError {
         /// Its acceleration at the target.
         acceleration: f64,
     },
-    /// Neither ruckig nor the move that takes its place could be verified.
+    /// Neither the move of ruckig nor the one that replaces it could be verified.
     #[error(
         "no move within the limits was found: that of axis {} reaches a {quantity} of {value} (limit \
          {limit}); please report these states and limits, and stop first", .axis.letter()
@@ -165,11 +165,11 @@ pub enum TransferError {
     Unsolved {
         /// The axis that failed.
         axis: AxisLetter,
-        /// What it exceeds.
+        /// The quantity that exceeds its limit.
         quantity: Quantity,
-        /// How much it reaches.
+        /// Its maximum.
         value: f64,
-        /// What it may reach.
+        /// Its limit.
         limit: f64,
     },
 }

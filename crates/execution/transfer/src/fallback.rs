@@ -1,13 +1,14 @@
-//! The move that takes ruckig's place where ruckig fails: stop, go, speed up.
+//! The move that replaces ruckig's if ruckig fails: stop, go, speed up.
 //!
-//! Every axis stops as fast as it can; then all go in a straight line, rest to rest, to the places from which
-//! they reach their targets by speeding up. Each of the three parts is closed form, so this cannot fail
-//! numerically. It is slower than what is possible, never beyond a limit of velocity, acceleration or jerk.
+//! Every axis stops as fast as it can. Then all axes move in a straight line, rest to rest, to positions from
+//! which they reach their targets by speeding up. Each of the three parts is closed form, so this cannot fail
+//! numerically. The move is slower than the fastest one and never exceeds a limit of velocity, acceleration
+//! or jerk.
 
 use crate::landing::Steps;
 use crate::state::{AxisLimits, AxisState, AxisTask};
 
-/// Steps of all axes, of the same total time.
+/// Steps of all axes, with the same total time.
 pub(crate) fn stop_and_go(tasks: &[AxisTask]) -> Vec<Steps> {
     let tasks: Vec<AxisTask> = tasks
         .iter()
@@ -17,7 +18,7 @@ pub(crate) fn stop_and_go(tasks: &[AxisTask]) -> Vec<Steps> {
         })
         .collect();
     let stops: Vec<[(f64, f64); 3]> = tasks.iter().map(|task| stop(task.from, &task.limits)).collect();
-    // Backwards in time: velocity and jerk change their sign.
+    // Backwards in time velocity and jerk change their signs.
     let starts: Vec<[(f64, f64); 3]> = tasks
         .iter()
         .map(|task| {
@@ -77,7 +78,7 @@ fn run(state: AxisState, steps: &[(f64, f64)]) -> AxisState {
     steps.iter().fold(state, |state, &(t, jerk)| state.after(t, jerk))
 }
 
-/// The fastest way to rest, wherever that is: at most three pieces.
+/// The fastest stop, at whatever position: at most three pieces.
 pub(crate) fn stop(from: AxisState, limits: &AxisLimits) -> [(f64, f64); 3] {
     let sign = if from.relaxed_speed(limits.j) > 0.0 {
         -1.0
@@ -104,8 +105,8 @@ pub(crate) fn stop(from: AxisState, limits: &AxisLimits) -> [(f64, f64); 3] {
 
 /// The fastest move over `distance`, not negative, from rest to rest: seven pieces, symmetric in time.
 ///
-/// Jerk lasts as long as the least of acceleration limit, velocity limit and distance allows; then
-/// acceleration; then speed.
+/// The duration of jerk is the minimum that the acceleration limit, the velocity limit and the distance
+/// permit; then the duration of constant acceleration, then of constant speed.
 pub(crate) fn rest_to_rest(distance: f64, limits: &AxisLimits) -> [(f64, f64); 7] {
     let (v, a, j) = (limits.v, limits.a, limits.j);
     let by_acceleration = a / j;
@@ -156,7 +157,7 @@ mod tests {
                 end.v.abs() < 1e-9 * task.limits.v && end.a.abs() < 1e-9 * task.limits.a,
                 "case {case}: {end:?}"
             );
-            // Jerk is at its limit, or acceleration is: neither can be done faster (bang-bang).
+            // Jerk is at its limit, or acceleration is: neither can be faster (bang-bang).
             let top = run(task.from, &steps[..1]);
             let full = (top.a.abs() - task.limits.a).abs() < 1e-9 * task.limits.a;
             assert!(steps[1].0 == 0.0 || full, "case {case}");
@@ -180,7 +181,7 @@ mod tests {
             );
             let full = run(rest, &steps[..1]).a;
             assert!(full <= limits.a * (1.0 + 1e-12), "case {case}");
-            // One limit more is reached wherever a piece of constant acceleration or speed exists.
+            // Wherever there is a piece of constant acceleration or speed, one more limit is reached.
             assert!(
                 steps[1].0 == 0.0 || (full / limits.a - 1.0).abs() < 1e-9,
                 "case {case}"
@@ -203,7 +204,7 @@ mod tests {
                     (duration - lasting(&all[0])).abs() < 1e-9 * duration,
                     "case {case}"
                 );
-                // Rounding over the whole time, not more.
+                // Rounding over the total time only.
                 let fuzz = 1e-10 * (1.0 + duration);
                 assert!(
                     (end.p - task.to.p).abs() < fuzz * (1.0 + task.limits.v * duration)

@@ -1,19 +1,18 @@
-//! Makes pieces of constant jerk end at the target exactly.
+//! Corrects pieces of constant jerk so that they end exactly at the target.
 //!
-//! What is missing at the end, `e = (position, velocity, acceleration)`, is linear in the jerks. Of all
-//! corrections that make it up, the one with the least integral of their square is taken: with the effect
-//! `m_k` (three numbers) of the jerk of piece `k`, which lasts `t_k`, it is `d_k = m_k . x / t_k` where
-//! `(sum of m_k m_k^T / t_k) x = e`. Times stay as they are, so synchronised axes stay synchronised.
+//! The error at the end, `e = (position, velocity, acceleration)`, is linear in the jerks. Of all corrections
+//! that remove it, the one with the minimum integral of the squared jerk correction is taken. With the effect
+//! `m_k` (three numbers) of the jerk of piece `k`, which lasts `t_k`, it is `d_k = m_k . x / t_k` where `(sum
+//! of m_k m_k^T / t_k) x = e`. Durations do not change, so synchronised axes stay synchronised.
 
 use crate::state::AxisState;
 
 /// Steps `(duration, jerk)` of one axis.
 pub(crate) type Steps = Vec<(f64, f64)>;
 
-/// Pieces longer than this share of the whole are divided in three: a correction needs three numbers to play
-/// with.
+/// Pieces longer than this fraction of the total are divided into three: a correction has three unknowns.
 const LONGEST_FRACTION: f64 = 1.0 / 3.0;
-/// A second pass mops up the rounding of the first.
+/// Number of passes. Each corrects the rounding of the one before.
 const PASSES: usize = 3;
 
 /// Corrects the jerks of `steps` so that they lead from `start` to `end`.
@@ -31,8 +30,7 @@ pub(crate) fn land(steps: &mut Steps, start: AxisState, end: AxisState) {
         }
     }
     *steps = divided;
-    // Counted from the start: what a position far from zero has in its last digit would take much jerk in a
-    // short move.
+    // Relative to the start: the last digit of a position far from zero would take much jerk in a short move.
     let (start, end) = (
         AxisState { p: 0.0, ..start },
         AxisState {
@@ -44,7 +42,7 @@ pub(crate) fn land(steps: &mut Steps, start: AxisState, end: AxisState) {
         let reached = steps
             .iter()
             .fold(start, |state, &(duration, jerk)| state.after(duration, jerk));
-        // In units of the whole time, so that the three equations weigh alike.
+        // Scaled by the total time, so that the three equations have the same weight.
         let missing = [
             end.p - reached.p,
             (end.v - reached.v) * whole,
@@ -64,7 +62,7 @@ pub(crate) fn land(steps: &mut Steps, start: AxisState, end: AxisState) {
     }
 }
 
-/// What one unit of jerk over `t`, followed by `left`, does to position, velocity and acceleration at the
+/// The effect of one unit of jerk over `t`, followed by `left`, on position, velocity and acceleration at the
 /// end.
 fn effect(t: f64, left: f64) -> [f64; 3] {
     [
@@ -74,7 +72,7 @@ fn effect(t: f64, left: f64) -> [f64; 3] {
     ]
 }
 
-/// Solves the three normal equations by elimination; none where they say nothing.
+/// Solves the three normal equations by elimination; `None` if they are singular.
 fn multipliers(steps: &Steps, whole: f64, missing: [f64; 3]) -> Option<[f64; 3]> {
     let mut matrix = [[0.0; 4]; 3];
     let mut left = 1.0;
@@ -91,7 +89,7 @@ fn multipliers(steps: &Steps, whole: f64, missing: [f64; 3]) -> Option<[f64; 3]>
     for row in 0..3 {
         matrix[row][3] = missing[row];
     }
-    // Symmetric and positive definite: no pivoting.
+    // Symmetric and positive definite: no pivoting needed.
     for k in 0..3 {
         let pivot = matrix[k][k];
         if !(pivot > 0.0) {
@@ -136,7 +134,7 @@ mod tests {
                 v: jerk * whole * whole * random.unit(),
                 a: 0.0,
             };
-            // Off by what a relative change of the jerk of 1e-7 would make.
+            // The error that a relative change of the jerk of 1e-7 would cause.
             let mut end = run(start, &steps);
             let off = 1e-7 * jerk;
             end.p += off * whole.powi(3) * (random.unit() - 0.5);
@@ -153,7 +151,7 @@ mod tests {
                 "case {case}"
             );
             let most = |steps: &Steps| steps.iter().map(|step| step.1.abs()).fold(0.0, f64::max);
-            // Three equal pieces would need 1e-7 times a hundred or so at worst.
+            // Three equal pieces would need about a hundred times 1e-7 in the worst case.
             assert!(
                 most(&steps) <= most(&before) + 200.0 * off,
                 "case {case}: {} pieces",
@@ -164,7 +162,7 @@ mod tests {
 
     #[test]
     fn a_position_far_from_zero_costs_a_short_move_no_jerk() {
-        // Half a millisecond at 300 mm: the last digit of the position is 1e-5 of the way.
+        // Half a millisecond at 300 mm: the last digit of the position is 1e-5 of the distance.
         let mut steps = vec![(1e-4, 2e5), (1e-4, -2e5), (1e-4, -2e5), (1e-4, 2e5)];
         let mut end = run(AxisState::default(), &steps);
         (end.p, end.v, end.a) = (300.0 + end.p, 0.0, 0.0);

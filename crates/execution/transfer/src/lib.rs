@@ -1,4 +1,4 @@
-//! State-to-state moves: jog, retract, stop and go on, back to the path.
+//! State-to-state moves: jog, retract, stop and continue, return to the path.
 //!
 //! A [`Transfer`] takes the axes from one [`AxesState`] (position, velocity, acceleration) to another as fast
 //! as their limits allow. No path is prescribed between the two, unless [`Sync::Phase`] asks for the straight
@@ -11,13 +11,12 @@
 //! ```
 //!
 //! The solver is ruckig (Berscheid and Kroeger, "Jerk-limited Real-time Trajectory Generation with Arbitrary
-//! Target States", RSS 2021). It is a C++ library that allocates, may fail on valid input, and would hand
-//! waypoints to a server on the internet. So it is locked into one private module which knows no waypoints,
-//! and nothing that it says is believed: its result is read back as pieces of constant jerk, the pieces are
-//! corrected to end at the target to the last digits, and every limit and the travel are verified on the
-//! extremes of those pieces, by formulas of this crate. Where ruckig fails, a slower move of our own takes
-//! its place: each axis stops, all move in a straight line, each speeds up to its target
-//! ([`Method::StopAndGo`]).
+//! Target States", RSS 2021), a C++ library that allocates, may fail on valid input, and would send waypoints
+//! to a server on the internet. It is therefore confined to one private module that has no waypoints, and its
+//! results are verified: they are read back as pieces of constant jerk, the pieces are corrected to end at
+//! the target to the last digits, and every limit and the travel are checked on the extremes of those pieces,
+//! by formulas of this crate. If ruckig fails, a slower move replaces it: each axis stops, all move in a
+//! straight line, each speeds up to its target ([`Method::StopAndGo`]).
 //!
 //! ```
 //! use evolvent_machine::Limits;
@@ -43,11 +42,11 @@
 //! assert!(speed_mm_s > 99.99 && speed_mm_s <= 100.0, "{speed_mm_s}");
 //! # Ok::<(), evolvent_transfer::TransferError>(())
 //! ```
-//! [`Transfer::solve`] belongs on the planner's side. What it gives is a plain value without heap: the
-//! real-time cycle owns a copy and calls [`Transfer::at`], which is a few multiplications an axis.
+//! [`Transfer::solve`] belongs to the planner's side. Its result is a plain value without heap: the real-time
+//! cycle owns a copy and calls [`Transfer::at`], which costs a few multiplications per axis.
 //!
-//! The same input gives the same bits on the same computer only: ruckig uses the platform's cosine and cube
-//! root. Record a transfer, do not compute it again elsewhere.
+//! The same input gives the same bits on the same computer only: ruckig uses the cosine and cube root of the
+//! platform. Record a transfer instead of recomputing it elsewhere.
 
 #![expect(
     clippy::neg_cmp_op_on_partial_ord,

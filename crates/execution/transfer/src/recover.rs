@@ -1,23 +1,23 @@
-//! Reads pieces of constant jerk back from samples of a motion.
+//! Recovers pieces of constant jerk from samples of a motion.
 //!
-//! Acceleration is piecewise linear in time and continuous. An interval is one piece if velocity and position
-//! at its end, and acceleration inside, are what constant jerk makes of its start, to rounding. It is two
-//! pieces if the same holds with one break where the straight lines from both ends meet. Everything else is
-//! halved. What an interval hides from this test is below rounding; and whatever is wrong here is seen by the
-//! verification afterwards.
+//! Acceleration is continuous and piecewise linear in time. An interval is one piece if velocity and position
+//! at its end, and acceleration inside, follow from its start with constant jerk, to rounding. It is two
+//! pieces if the same holds with one break where the straight lines from both ends meet. Every other interval
+//! is halved. A deviation that this test misses is below rounding, and the verification afterwards detects
+//! any error made here.
 
 use std::collections::BTreeMap;
 
 use crate::landing::Steps;
 use crate::state::AxisState;
 
-/// Halvings of the whole before an interval is taken as one piece whatever it holds.
+/// Maximum number of halvings of the whole. An interval of this depth is taken as one piece.
 const DEEPEST: u32 = 36;
-/// Intervals looked at before giving up: some hundred are usual.
+/// Maximum number of intervals; a few hundred are usual.
 const MAX_INTERVALS: usize = 2000;
 /// Rounding of a sample, in units of the last place of its largest summand.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
-/// Where accelerations are compared within an interval.
+/// Points of an interval at which accelerations are compared.
 const PROBES: [f64; 4] = [0.19, 0.382, 0.618, 0.83];
 
 /// Samples of all axes, each instant computed once.
@@ -37,7 +37,7 @@ impl<F: FnMut(f64) -> Vec<AxisState>> Recorded<F> {
     }
 
     fn at(&mut self, axis: usize, time: f64) -> AxisState {
-        // Times are not negative, so their bits are in their order.
+        // Times are not negative, so their bits are in the same order.
         let source = &mut self.source;
         let states = self.known.entry(time.to_bits()).or_insert_with(|| source(time));
         states.get(axis).copied().unwrap_or(AxisState {
@@ -48,7 +48,7 @@ impl<F: FnMut(f64) -> Vec<AxisState>> Recorded<F> {
     }
 }
 
-/// What rounding may do to the samples of one axis.
+/// Bounds of the rounding of the samples of one axis.
 #[derive(Clone, Copy)]
 struct Noise {
     p: f64,
@@ -56,8 +56,8 @@ struct Noise {
     a: f64,
 }
 
-/// The steps `(duration, jerk)` of one axis over `0..duration`, where no jerk is above `jerk`; none if the
-/// samples are not numbers or no such motion.
+/// The steps `(duration, jerk)` of one axis over `0..duration`, with jerks up to `jerk`; `None` if the
+/// samples are not finite or not such a motion.
 pub(crate) fn recover<F: FnMut(f64) -> Vec<AxisState>>(
     recorded: &mut Recorded<F>,
     axis: usize,
@@ -76,7 +76,7 @@ pub(crate) fn recover<F: FnMut(f64) -> Vec<AxisState>>(
         a: 0.0,
     };
     for k in 0..=32 {
-        // At the very end ruckig goes over to what comes after: ask just before.
+        // At its very end ruckig switches to the motion after it, so the last sample is just before.
         let state = recorded.at(axis, duration * f64::from(k) / 32.0 * (1.0 - f64::EPSILON));
         if !(state.p.is_finite() && state.v.is_finite() && state.a.is_finite()) {
             return None;
@@ -85,7 +85,7 @@ pub(crate) fn recover<F: FnMut(f64) -> Vec<AxisState>>(
         largest.v = largest.v.max(state.v.abs());
         largest.a = largest.a.max(state.a.abs());
     }
-    // An instant itself is rounded: that moves the acceleration by what the jerk makes of it, and so on.
+    // The time itself is rounded: this changes the acceleration in proportion to the jerk, and so on.
     let a = largest.a + jerk * duration;
     let v = largest.v + a * duration;
     let noise = Noise {
@@ -132,7 +132,7 @@ pub(crate) fn recover<F: FnMut(f64) -> Vec<AxisState>>(
     Some(join(&steps, noise))
 }
 
-/// Whether two steps lead through the interval, all that lies in it included.
+/// Whether two steps match the interval, including its interior.
 fn fits<F: FnMut(f64) -> Vec<AxisState>>(
     recorded: &mut Recorded<F>,
     axis: usize,
@@ -160,7 +160,7 @@ fn fits<F: FnMut(f64) -> Vec<AxisState>>(
         })
 }
 
-/// Joins neighbours of the same jerk.
+/// Joins adjacent steps of equal jerk.
 fn join(steps: &[(f64, f64)], noise: Noise) -> Steps {
     let mut joined = Steps::with_capacity(steps.len());
     for &(duration, jerk) in steps {
@@ -201,8 +201,8 @@ mod tests {
     fn planted_pieces_are_found_with_their_times_and_jerks() {
         let mut random = Random::from_state(0x4e_0001);
         for case in 0..500 {
-            // As a solver gives them: full jerk, none, full jerk the other way, short and long ones beside
-            // each other.
+            // As a solver returns them: full jerk, none, full jerk of the other sign; short and long steps
+            // next to each other.
             let planted: Steps = (0..7)
                 .map(|k| {
                     (
@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn an_excursion_that_leaves_the_ends_of_an_interval_as_they_are_is_found() {
-        // Third differences: neither acceleration nor velocity nor position at the end tells of them.
+        // Third differences: acceleration, velocity and position at the end do not show them.
         let planted: Steps = vec![
             (1.0, 0.0),
             (0.1, 8.0),
@@ -254,7 +254,7 @@ mod tests {
             }]
         });
         assert_eq!(recover(&mut nan, 0, 1.0, 1.0), None);
-        // Noise is no motion of few pieces: given up, not searched for ever.
+        // Noise is not a motion of few pieces: the search ends and returns nothing.
         let mut random = Random::from_state(0x4e_0002);
         let mut noise = Recorded::new(1, |_| {
             vec![AxisState {

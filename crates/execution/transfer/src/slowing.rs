@@ -1,4 +1,4 @@
-//! Moves to rest of axes that may be faster at the start than they are to be: each slows down first.
+//! Moves to rest of axes that may start faster than the move permits: each slows down first.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, AxisLetter};
@@ -11,21 +11,21 @@ use crate::state::{AxesState, AxisLimits, AxisState};
 use crate::track::Track;
 use crate::transfer::{Sync, Transfer};
 
-/// Fraction by which a speed may be beyond the cruise speed without being slowed down first: it comes from a
-/// motion at it.
+/// Fraction by which a speed may exceed the cruise speed without being reduced first: it comes from motion at
+/// that speed.
 const SLACK: f64 = 1e-9;
 
-/// What an axis that is too fast does first.
+/// The first part of the move of an axis that is too fast.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum First {
     /// It slows down to its cruise speed.
     SlowsDown,
-    /// It stops: what is left where slowing down takes it out of its travel.
+    /// It stops: used if slowing down would take it out of its travel.
     Stops,
 }
 
 impl AxesState {
-    /// Where each axis would stop if it braked as fast as its acceleration and jerk permit.
+    /// Positions at which the axes would stop if each braked as fast as its acceleration and jerk permit.
     #[must_use]
     pub fn stopped(&self, limits: &Limits) -> Axes {
         Axes::from_fn(|i, _| {
@@ -37,8 +37,8 @@ impl AxesState {
         })
     }
 
-    /// The speed of each axis when its acceleration has been brought to zero at once: it cannot avoid this
-    /// one.
+    /// The speed of each axis when its acceleration has been brought to zero as fast as possible. The axis
+    /// cannot avoid this speed.
     #[must_use]
     pub fn unavoidable_speed(&self, limits: &Limits) -> Axes {
         Axes::from_fn(|i, _| {
@@ -53,15 +53,15 @@ impl AxesState {
 }
 
 impl Transfer {
-    /// A move to rest at `to`, each axis on its own and no faster than `cruise` once it has slowed down to
-    /// that, which it does first and at once. An axis whose target is nearer than that, or behind it, stops
-    /// first.
+    /// A move to rest at `to`, with each axis on its own. An axis that is faster than `cruise` slows down to
+    /// it first, at once, and stays within it. An axis whose target is nearer than that, or in the other
+    /// direction, stops first.
     ///
-    /// Costs as much as two calls of [`Transfer::solve`] at most four times; same accuracy and errors.
-    /// `limits` must permit the velocity that the axes have.
+    /// Calls [`Transfer::solve`] once, or twice if slowing down fails; same accuracy and errors. `limits`
+    /// must permit the present velocities of the axes.
     ///
     /// # Errors
-    /// As [`Transfer::solve`].
+    /// As for [`Transfer::solve`].
     pub fn solve_slowing(
         limits: &Limits,
         cruise: &Axes,
@@ -96,12 +96,12 @@ fn first_then_go(
         let kept = rest.velocity[i] * relaxed.signum();
         let slowed = run(state, &slow_down(state, kept, &all));
         let ahead = (to.position[i] - run(slowed, &stop(slowed, &all)).p) * relaxed.signum();
-        // Behind a target that is too near, or to the other side, it would only go farther beyond.
+        // If the target is too near or in the other direction, slowing down would only go farther past it.
         let slows_down = first == First::SlowsDown && relaxed.abs() > rest.velocity[i] && ahead >= 0.0;
         let kept = if slows_down { kept } else { 0.0 };
         let steps = slow_down(state, kept, &all);
         let reached = run(state, &steps);
-        // Exact but for rounding, which the landing makes up for.
+        // Exact except for rounding, which the landing corrects.
         (begins.position[i], begins.velocity[i], begins.acceleration[i]) = (reached.p, kept, 0.0);
         slowing[i] = Some(steps);
     }
@@ -132,7 +132,7 @@ fn first_then_go(
     Ok(Transfer::of_tracks(tracks, go.method()))
 }
 
-/// The fastest way to a steady velocity.
+/// The fastest change to a constant velocity.
 fn slow_down(from: AxisState, velocity: f64, limits: &AxisLimits) -> [(f64, f64); 3] {
     let relative = AxisState {
         v: from.v - velocity,
@@ -165,7 +165,7 @@ mod tests {
         }
     }
 
-    /// A state of a motion within the limits, at which the axis can still stop within its travel.
+    /// A state within the limits from which the axis can still stop within its travel.
     fn moving(random: &mut Random, limits: &Limits) -> AxesState {
         loop {
             let mut state = AxesState::at_rest(Axes::zeros());
@@ -197,7 +197,7 @@ mod tests {
             };
             let speed = from.unavoidable_speed(&limits);
             for i in 0..3 {
-                // The longest that slowing down, or stopping, may take.
+                // The maximum time that slowing down, or stopping, may take.
                 let slow_s = speed[i] / 5000.0 + 5000.0 / 200_000.0 + 4000.0 / 200_000.0;
                 for k in 0..=2000 {
                     let t = transfer.duration_s() * f64::from(k) / 2000.0;

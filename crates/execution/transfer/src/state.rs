@@ -1,4 +1,4 @@
-//! Where all axes are, and how they move, at one instant.
+//! Position and motion of all axes at one instant.
 
 use evolvent_path::Axes;
 
@@ -14,7 +14,7 @@ pub struct AxesState {
 }
 
 impl AxesState {
-    /// Standing still.
+    /// All axes at rest at `position`.
     #[must_use]
     pub fn at_rest(position: Axes) -> Self {
         Self {
@@ -97,8 +97,8 @@ pub(crate) struct AxisTask {
 }
 
 impl AxisTask {
-    /// A share of the limits, but not less than the states themselves need: one that moves at its limit must
-    /// not be refused for its last digit.
+    /// The limits times `share`, but at least what the states themselves need: a state at its limit must not
+    /// be rejected for its last digit.
     pub(crate) fn usable(&self, share: f64) -> AxisLimits {
         let j = self.limits.j * share;
         let arriving = AxisState {
@@ -133,7 +133,7 @@ pub(crate) mod tests {
         limit * (2.0 * random.unit() - 1.0)
     }
 
-    /// Limits over decades and two states that keep them.
+    /// Limits over several decades and two states within them.
     pub(crate) fn task(random: &mut Random) -> AxisTask {
         let limits = AxisLimits {
             v: random.log(1.0, 1e3),

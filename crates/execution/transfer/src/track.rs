@@ -2,16 +2,16 @@
 
 use crate::state::AxisState;
 
-/// Most pieces of one axis: two to brake below the limits and seven of ruckig, or fifteen of a stop-and-go
-/// move, and four more where long pieces are divided to land exactly.
+/// Maximum number of pieces of one axis: two to brake below the limits and seven of ruckig, or fifteen of a
+/// stop-and-go move, and four more if long pieces are divided for the landing.
 pub const PIECES: usize = 20;
 
-/// Constant jerk from a known state.
+/// A piece of constant jerk from a known state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Piece {
-    /// When it begins, s since the start of the transfer.
+    /// Start time, s since the start of the transfer.
     pub start_s: f64,
-    /// How long it lasts, s.
+    /// Duration, s.
     pub duration_s: f64,
     /// Position at its start, mm or degrees.
     pub position: f64,
@@ -33,8 +33,8 @@ impl Piece {
     }
 }
 
-/// All pieces of one axis in order of time. A fixed-size value: no heap, may be copied to the real-time
-/// cycle.
+/// All pieces of one axis in order of time. A fixed-size value without heap that may be copied to the
+/// real-time cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
     pieces: [Piece; PIECES],
@@ -44,7 +44,7 @@ pub struct Track {
 }
 
 impl Track {
-    /// An axis that keeps `state` from time 0 on: one that stands still, or the end of a move that is over.
+    /// An axis that keeps `state` from time 0 on: an axis at rest, or the end of a completed move.
     pub(crate) fn resting(state: AxisState) -> Self {
         Self {
             pieces: [Piece::default(); PIECES],
@@ -54,8 +54,8 @@ impl Track {
         }
     }
 
-    /// From `start` through `(duration, jerk)`s. Ends at `end` whatever rounding makes of the last piece;
-    /// none where there are more than [`PIECES`].
+    /// The track from `start` through `(duration, jerk)` steps. It ends at exactly `end`, whatever the
+    /// rounding of the last piece; `None` for more than [`PIECES`] steps.
     pub(crate) fn through(start: AxisState, end: AxisState, steps: &[(f64, f64)]) -> Option<Self> {
         let mut track = Self::resting(end);
         let mut state = start;
@@ -80,13 +80,13 @@ impl Track {
         Some(track)
     }
 
-    /// The pieces in order of time; none for an axis that stands still. Real-time safe.
+    /// The pieces in order of time; none for an axis at rest. Real-time safe.
     #[must_use]
     pub fn pieces(&self) -> &[Piece] {
         self.pieces.get(..self.count).unwrap_or(&[])
     }
 
-    /// When this axis has reached its target, s. Real-time safe.
+    /// Time at which this axis reaches its target, s. Real-time safe.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.duration_s
@@ -96,9 +96,9 @@ impl Track {
         self.end
     }
 
-    /// State and jerk at `t` seconds; the start before 0, the target from the end on.
+    /// State and jerk at `t` seconds: the start before 0, the target after the end.
     pub(crate) fn at(&self, t: f64) -> (AxisState, f64) {
-        // Not (t < duration) so that NaN is the end as well.
+        // Negated so that NaN counts as the end.
         if !(t < self.duration_s) {
             return (self.end, 0.0);
         }

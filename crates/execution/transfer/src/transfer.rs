@@ -1,4 +1,4 @@
-//! Solving, and what comes of it.
+//! Solving a transfer, and its result.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, AxisLetter};
@@ -11,13 +11,13 @@ use crate::landing::{Steps, land};
 use crate::state::{AxesState, AxisLimits, AxisState, AxisTask, TransferPoint};
 use crate::track::Track;
 
-/// How the axes are bound to each other.
+/// How the axes are synchronised.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sync {
     /// All arrive at the same time.
     #[default]
     Time,
-    /// All keep to the straight line between start and target (of all nine axes), so they arrive at the same
+    /// All follow the straight line between start and target (of all nine axes), so they arrive at the same
     /// time.
     Phase,
     /// Each arrives as soon as it can; all must end at rest.
@@ -27,9 +27,9 @@ pub enum Sync {
 /// How a transfer was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// By ruckig: the fastest there is.
+    /// By ruckig: the fastest move.
     Ruckig,
-    /// To rest, in a straight line, and up to speed: where ruckig failed, or would have left the travel.
+    /// To rest, in a straight line, and up to speed: if ruckig failed, or its move left the travel.
     StopAndGo,
 }
 
@@ -43,21 +43,21 @@ pub struct Transfer {
     method: Method,
 }
 
-/// Share of the jerk limit that is not used, so that landing exactly finds room.
+/// Fraction of the jerk limit that is reserved for the landing.
 const SPARE: f64 = 1e-7;
-/// How far states may be off the straight line, as a share of the axis' limit.
+/// Maximum deviation of states from the straight line, as a fraction of the limit of the axis.
 const STRAIGHT: f64 = 1e-9;
 
 impl Transfer {
     /// The fastest move between two states within `limits` and the travel.
     ///
-    /// Not for the real-time cycle: allocates, and takes some tens of microseconds an axis, at worst
-    /// milliseconds. Limits hold to three millionths; the target is reached to 1e-9 (mm, degrees; velocity
-    /// and acceleration: of their limits).
+    /// Not for the real-time cycle: allocates, and takes some tens of microseconds per axis, milliseconds in
+    /// the worst case. Limits are kept to 3e-6 of their values; the target is reached to 1e-9 (mm, degrees;
+    /// velocity and acceleration: of their limits).
     ///
     /// # Errors
-    /// A number that is not finite or not above zero, a state beyond limits or travel, states that [`Sync`]
-    /// does not permit; or a way that leaves the travel. Numbers that were refused are in the error.
+    /// A number that is not finite or not above zero, a state outside limits or travel, states that [`Sync`]
+    /// does not permit, or a move that leaves the travel. The error contains the rejected numbers.
     pub fn solve(
         limits: &Limits,
         from: &AxesState,
@@ -98,7 +98,7 @@ impl Transfer {
         }
     }
 
-    /// Tracks that were verified.
+    /// A transfer of verified tracks.
     pub(crate) fn of_tracks(tracks: [Track; AXES], method: Method) -> Self {
         let duration_s = tracks.iter().map(Track::duration_s).fold(0.0, f64::max);
         Self {
@@ -127,7 +127,7 @@ impl Transfer {
         point
     }
 
-    /// When the last axis has arrived, s. Real-time safe.
+    /// Time at which the last axis arrives, s. Real-time safe.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.duration_s
@@ -146,7 +146,7 @@ impl Transfer {
     }
 }
 
-/// A question that has passed its checks.
+/// A problem that has passed the checks of its input.
 struct Job<'a> {
     limits: &'a Limits,
     from: &'a AxesState,
@@ -159,13 +159,13 @@ struct Job<'a> {
 /// The straight line of all axes as one task.
 struct StraightLine {
     task: AxisTask,
-    /// How far each moving axis goes while the line goes 1.
+    /// Distance of each moving axis per unit of the line.
     ways: Vec<f64>,
 }
 
 impl Job<'_> {
-    /// Calls ruckig for each group in several ways, and takes the first result that can be verified;
-    /// otherwise stops first.
+    /// Calls ruckig for each group in several formulations and takes the first result that can be verified.
+    /// If there is none, the axes stop first.
     fn solve(
         &self,
         groups: &[&[AxisTask]],
@@ -186,7 +186,7 @@ impl Job<'_> {
             if steps.len() == self.tasks.len()
                 && let Ok(transfer) = self.finish(steps, Method::Ruckig)
             {
-                // With part of the limits only, stopping may be as fast.
+                // With reduced limits, stopping first may be faster.
                 let other = if k < FULL {
                     None
                 } else {
@@ -249,7 +249,7 @@ impl Job<'_> {
     /// The straight line, if all states move along it.
     fn line(&self) -> Result<StraightLine, TransferError> {
         let between = self.to.position - self.from.position;
-        // A line of no length takes its direction from what moves most.
+        // A line of zero length takes its direction from the first of these vectors that is not zero.
         let mut direction = between;
         for vector in [
             self.from.velocity,
@@ -338,10 +338,10 @@ fn spread(steps: &[Steps], ways: &[f64]) -> Vec<Steps> {
 
 /// Steps of all tasks, which arrive together.
 ///
-/// Axes that stand still at both ends need no solver: the fastest such move is closed form, and slower by a
-/// factor `k` it has `1/k^3` of the jerk. Only the slowest of them is handed on, so that it has its say in
-/// the duration. That spares ruckig what it is worst at: an axis that goes a micrometre while another goes a
-/// metre.
+/// Axes at rest at both ends need no solver: their fastest move is closed form, and a move slower by a factor
+/// `k` has `1/k^3` of the jerk. Only the slowest of them is passed to ruckig, because it may determine the
+/// duration. This avoids the problems that ruckig solves worst: one axis moves a micrometre while another
+/// moves a metre.
 fn together(tasks: &[AxisTask], attempt: Attempt) -> Option<Vec<Steps>> {
     let resting = |task: &AxisTask| task.from.is_at_rest() && task.to.is_at_rest();
     let fastest = |task: &AxisTask| {
@@ -387,16 +387,16 @@ fn lasting(steps: &[(f64, f64)]) -> f64 {
 /// One formulation of a problem for ruckig.
 #[derive(Clone, Copy)]
 struct Attempt {
-    /// In units of the move itself, so that its numbers are about 1; otherwise in seconds and the way that an
-    /// axis goes in one.
+    /// In units of the move itself, so that its numbers are about 1; otherwise in seconds and in the distance
+    /// that an axis travels in one second at its speed limit.
     natural: bool,
-    /// Share of the limits that may be used. Other digits are another way through the solver.
+    /// Fraction of the limits to use. Other digits lead the solver through other branches.
     share: f64,
 }
 
 /// Number of attempts that use the limits in full.
 const FULL: usize = 2;
-/// Nearly all is solved by the first.
+/// The first attempt solves nearly all problems.
 const ATTEMPTS: [Attempt; 4] = [
     Attempt {
         natural: true,
@@ -428,7 +428,7 @@ impl Attempt {
     }
 }
 
-/// About how long the move takes, but not longer than it takes to speed up.
+/// Approximate duration of the move, at most the time to accelerate to the speed limit.
 fn natural_time(tasks: &[AxisTask]) -> f64 {
     let mut longest = 1e-9_f64;
     for task in tasks {
@@ -455,7 +455,7 @@ mod tests {
     use super::*;
     use crate::state::tests::{Random, task};
 
-    /// Axes at rest beside one that moves.
+    /// Axes at rest together with one that moves.
     fn mixed(random: &mut Random) -> Vec<AxisTask> {
         let mut tasks: Vec<AxisTask> = (0..5).map(|_| task(random)).collect();
         for task in &mut tasks[1..] {
@@ -477,7 +477,7 @@ mod tests {
             let duration = lasting(&all[0]);
             let mut lengths = all.iter().map(|steps| lasting(steps) / duration - 1.0);
             assert!(lengths.all(|off| off.abs() < 1e-9), "case {case}");
-            // All but the slowest are closed form: they are there without landing.
+            // All except the slowest are closed form: they arrive without landing.
             let arrived = all.iter().zip(&tasks).skip(1).filter(|(steps, task)| {
                 let end = steps
                     .iter()

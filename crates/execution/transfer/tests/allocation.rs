@@ -1,4 +1,4 @@
-//! Evaluating a transfer does not allocate: counted, not believed.
+//! Evaluating a transfer does not allocate, measured by a counting allocator.
 
 use std::hint::black_box;
 

@@ -1,4 +1,4 @@
-//! How long transfers take, against computations that share nothing with them.
+//! Durations of transfers, compared with independent computations.
 
 #![expect(clippy::panic, reason = "a test may fail")]
 
@@ -10,7 +10,7 @@ use rsruckig::prelude::{
 
 use crate::common::{campaign, limits, state};
 
-/// One axis: limits, position, velocity and acceleration at both ends.
+/// One axis: limits, and position, velocity and acceleration at both ends.
 #[derive(Clone, Copy, Debug)]
 struct Question {
     v: f64,
@@ -20,7 +20,7 @@ struct Question {
     to: [f64; 3],
 }
 
-/// A change of speed from `(v0, a0)` to `(v1, 0)`: time and distance. At most three pieces of jerk `j`, 0,
+/// A change of speed from `(v0, a0)` to `(v1, 0)`: time and distance. At most three pieces, of jerk `j`, 0,
 /// `-j`.
 fn change(v0: f64, a0: f64, v1: f64, a_max: f64, j: f64) -> (f64, f64) {
     let up = v1 >= v0 + a0 * a0.abs() / (2.0 * j);
@@ -44,13 +44,13 @@ fn change(v0: f64, a0: f64, v1: f64, a_max: f64, j: f64) -> (f64, f64) {
 }
 
 impl Question {
-    /// The least time of all motions that change to one speed, hold it, and change to the target: found by
-    /// scanning that speed. What comes to zero acceleration nowhere in between is missing, so it is an upper
-    /// bound.
+    /// The minimum time of all motions that change to one speed, hold it, and change to the target, found by
+    /// scanning that speed. Motions whose acceleration is zero nowhere in between are not included, so it is
+    /// an upper bound.
     fn scanned(&self) -> f64 {
         let through = |speed: f64| {
             let first = change(self.from[1], self.from[2], speed, self.a, self.j);
-            // Backwards in time velocity changes its sign, so: from the target, mirrored, to the same speed.
+            // Backwards in time velocity changes its sign: from the mirrored target to the same speed.
             let second = change(-self.to[1], self.to[2], -speed, self.a, self.j);
             let missing = self.to[0] - self.from[0] - first.1 + second.1;
             (first.0 + second.0, missing)
@@ -118,7 +118,7 @@ fn no_motion_over_one_speed_is_faster() {
         all += 1;
         equal += usize::from(duration >= scanned * (1.0 - 1e-5));
     });
-    // The others never come to zero acceleration in between: short ways between fast states.
+    // The acceleration of the others is zero nowhere in between: short moves between fast states.
     println!("{equal} of {all} as long as the best over one speed");
     assert!(10 * equal >= 8 * all, "{equal} of {all}");
 }
@@ -156,11 +156,11 @@ fn from_rest_to_rest_takes_as_long_as_the_textbook_says() {
     });
 }
 
-/// The Rust port of the solver; none where it fails.
+/// The result of the Rust port of the solver; `None` if it fails.
 fn ported(limits: &evolvent_machine::Limits, from: &AxesState, to: &AxesState) -> Option<f64> {
     let mut input = InputParameter::<3>::new(None);
     input.synchronization = Synchronization::Time;
-    // In metres: its tolerances are absolute.
+    // In metres: the tolerances of the port are absolute.
     let unit = 1e-3;
     for i in 0..3 {
         input.current_position[i] = unit * from.position[i];
@@ -194,7 +194,7 @@ fn three_synchronised_axes_take_as_long_as_by_the_port_of_the_solver() {
         };
         compared += 1;
         let duration = transfer.duration_s();
-        // Never slower but for the digits; faster would mean that the port misses a shorter one.
+        // Never slower, except for rounding; a faster transfer would mean that the port misses a shorter one.
         if (duration - wanted).abs() > 1e-5 * wanted + 1e-7 {
             other += 1;
             println!("case {case}: {duration} s, the port {wanted} s");

@@ -1,4 +1,4 @@
-//! Transfers between states, all in one executable.
+//! Transfers between states, in one executable.
 
 mod common;
 
@@ -7,6 +7,6 @@ mod durations;
 mod refusals;
 mod transfers;
 
-// It counts by thread, so that tests beside each other do not count together.
+// Counts per thread, so that concurrent tests do not count each other's allocations.
 #[global_allocator]
 static ALLOCATOR: evolvent_counting::CountingAllocator = evolvent_counting::CountingAllocator;

@@ -1,4 +1,4 @@
-//! What is refused, by name and number, and what is degenerate and must work.
+//! Invalid problems and their errors, and degenerate problems that must be solved.
 
 #![expect(clippy::panic, reason = "a test may fail")]
 
@@ -80,7 +80,7 @@ fn limits_must_be_usable_numbers() {
             "{error}"
         );
     }
-    // Those of an axis that the machine has not do not matter.
+    // Values of an axis that the machine does not have are ignored.
     let mut other = limits();
     other.jerk[8] = f64::NAN;
     assert!(Transfer::solve(&other, &at(0.0), &at(1.0), Sync::Time).is_ok());
@@ -103,7 +103,7 @@ fn states_beyond_a_limit_are_refused_and_those_that_cannot_help_it() {
     for (bad, quantity) in [
         (moving(0.0, 100.1, 0.0), Quantity::Velocity),
         (moving(0.0, 0.0, -1001.0), Quantity::Acceleration),
-        // 80 mm/s and 1000 mm/s2 reach 80 + 1000^2 / (2 20 000) = 105 mm/s whatever one does.
+        // 80 mm/s and 1000 mm/s2 reach 80 + 1000^2 / (2 20 000) = 105 mm/s in any case.
         (moving(0.0, 80.0, 1000.0), Quantity::Velocity),
     ] {
         let error = refused(&limits(), bad, at(50.0), Sync::Time);
@@ -117,7 +117,7 @@ fn states_beyond_a_limit_are_refused_and_those_that_cannot_help_it() {
         };
         assert_eq!((place, named), (Place::Start, quantity));
     }
-    // The same acceleration brakes: fine at the start, and impossible to arrive with.
+    // The same acceleration brakes: valid at the start, impossible at the target.
     assert!(Transfer::solve(&limits(), &moving(0.0, 80.0, -1000.0), &at(50.0), Sync::Time).is_ok());
     let error = refused(&limits(), at(0.0), moving(50.0, 80.0, -1000.0), Sync::Time);
     assert!(
@@ -147,7 +147,7 @@ fn the_travel_is_kept_at_both_ends_and_on_the_way() {
         ),
         "{error}"
     );
-    // From 100 mm/s rest takes A/J + v/A = 0.15 s, so 7.5 mm: 7 mm before the end that is too late.
+    // From 100 mm/s a stop takes A/J + v/A = 0.15 s and 7.5 mm: 7 mm before the end is too late.
     let error = refused(&limits(), moving(193.0, 100.0, 0.0), at(0.0), Sync::Time);
     let TransferError::LeavesTravel { axis, position, .. } = error else {
         panic!("{error}");
@@ -166,7 +166,7 @@ fn axes_by_themselves_must_end_at_rest() {
         matches!(error, TransferError::ArrivesMoving { axis: AxisLetter::X, velocity, .. } if velocity == 5.0),
         "{error}"
     );
-    // A single axis has nobody to wait for.
+    // A single axis needs no synchronisation.
     assert!(Transfer::solve(&limits(), &at(0.0), &moving(10.0, 5.0, 0.0), Sync::None).is_ok());
 }
 
@@ -236,7 +236,7 @@ fn a_cruise_at_the_limit_is_held() {
     assert_eq!(transfer.method(), Method::Ruckig);
 }
 
-/// 75 mm/s and 1000 mm/s2 reach, or come from, exactly 75 + 1000^2 / (2 20 000) = 100 mm/s.
+/// 75 mm/s and 1000 mm/s2 lead to, or come from, exactly 75 + 1000^2 / (2 20 000) = 100 mm/s.
 #[test]
 fn states_that_need_the_whole_speed_limit_are_solved_at_full_speed() {
     for (from, to) in [
@@ -258,7 +258,7 @@ fn ways_from_a_picometre_to_ten_metres_are_solved() {
         let way = 10_f64.powi(exponent);
         for sync in [Sync::Time, Sync::Phase, Sync::None] {
             let transfer = Transfer::solve(&wide, &at(from), &at(from + way), sync).unwrap();
-            // As far as the position itself has digits for it.
+            // As far as the digits of the position permit.
             let way = (from + way) - from;
             // Jerk alone, as long as it does not reach 1000 mm/s2: 2 A^3 / J^2 = 5 mm.
             if way < 5.0 {
@@ -272,7 +272,7 @@ fn ways_from_a_picometre_to_ten_metres_are_solved() {
     }
 }
 
-/// The C++ solver fails on this one in metres: `ErrorExecutionTimeCalculation`.
+/// In metres the C++ solver fails on this move: `ErrorExecutionTimeCalculation`.
 #[test]
 fn eight_micrometres_at_two_million_of_jerk_are_solved() {
     let mut limits = limits();
@@ -293,7 +293,7 @@ fn a_micrometre_beside_a_metre_arrives_with_it() {
     assert!((half.position[1] - 5e-4).abs() < 1e-9 && (half.position[2] + 5e-7).abs() < 1e-12);
 }
 
-/// The solver's own vectors may be read past their end, and waypoints would leave the computer.
+/// The solver reads its vectors past their end if they are short, and waypoints would leave the computer.
 #[test]
 fn one_module_alone_names_the_solver_and_gives_it_no_waypoints() {
     let sources = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");

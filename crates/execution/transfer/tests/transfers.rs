@@ -1,4 +1,4 @@
-//! Random transfers, verified by sampling and by quadrature: nothing here shares code with the crate.
+//! Random transfers, verified by sampling and by quadrature without code of the crate.
 
 #![expect(
     clippy::panic,
@@ -12,7 +12,7 @@ use evolvent_transfer::{AxesState, Method, Sync, Transfer};
 
 use crate::common::{campaign, limits, state};
 
-/// Checks the transfer as one would a stranger's: by samples and by differences between them.
+/// Checks a transfer by samples and their differences only.
 fn verify(limits: &Limits, from: &AxesState, to: &AxesState, transfer: &Transfer, what: &str) {
     let duration = transfer.duration_s();
     assert!(duration.is_finite() && duration >= 0.0, "{what}");
@@ -39,7 +39,7 @@ fn verify(limits: &Limits, from: &AxesState, to: &AxesState, transfer: &Transfer
     };
     close(&state(0.0), from, "start");
     close(&state(duration), to, "end");
-    // The last piece itself leads there: at() could have said so without.
+    // The last piece itself ends at the target, not only the clamped end of at().
     for letter in AxisLetter::ALL {
         let i = letter.index();
         if let Some(last) = transfer.track(letter).pieces().last() {
@@ -77,7 +77,7 @@ fn verify(limits: &Limits, from: &AxesState, to: &AxesState, transfer: &Transfer
         }
         let now = state(t);
         if let Some((last, before)) = previous {
-            // What a derivative within its limit can change in the time between.
+            // The maximum change that a derivative within its limit permits in this time.
             let dt = t - last;
             for i in (0..AXES).filter(|&i| limits.present[i]) {
                 let steady = |change: f64, limit: f64| {
@@ -95,7 +95,7 @@ fn verify(limits: &Limits, from: &AxesState, to: &AxesState, transfer: &Transfer
     }
 }
 
-/// Figures of a campaign.
+/// Statistics of a campaign.
 #[derive(Debug, Default)]
 struct Tally {
     ruckig: usize,
@@ -192,7 +192,7 @@ fn axes_by_themselves_arrive_as_if_they_were_alone() {
             target.position[i] = to.position[i];
             let alone = solved(&one, &start, &target, Sync::Time);
             let (is, wanted) = (all.track(letter).duration_s(), alone.duration_s());
-            // Asked again with other digits, the solver may answer in the last digits differently.
+            // With other digits the solver may give other last digits.
             assert!(
                 (is - wanted).abs() <= 1e-9 + 1e-6 * wanted,
                 "case {case} {letter:?}: {is} for {wanted}"
@@ -213,7 +213,7 @@ fn a_straight_transfer_keeps_to_its_line_also_when_it_starts_and_ends_moving() {
         let mut from = AxesState::at_rest(Axes::zeros());
         let mut to = AxesState::at_rest(way);
         if case % 2 == 0 {
-            // As fast along the line as half of what its tightest axis permits.
+            // Half of the maximum speed along the line that its tightest axis permits.
             let most = (0..5)
                 .map(|i| limits.velocity[i] / way[i].abs())
                 .fold(f64::INFINITY, f64::min);

@@ -15,8 +15,8 @@ const AXIS: HomingAxis = HomingAxis {
     home: 0.0,
 };
 
-/// An axis with a switch that closes at and below `edge` of the drive's coordinates, at constant speeds, a
-/// sample a millisecond.
+/// An axis at constant speeds with a switch that closes at and below `edge` of the drive's coordinates; one
+/// sample per millisecond.
 struct Machine {
     position: f64,
     offset: f64,
@@ -25,12 +25,12 @@ struct Machine {
     edge: f64,
     stuck: bool,
     cut: bool,
-    /// Where the limit switches are.
+    /// Positions of the limit switches.
     limits: [f64; 2],
     /// The home switch presses both limit switches.
     is_shared: bool,
-    /// The edge of the home switch of a gantry's second side; each home switch is the limit switch of its
-    /// side as well.
+    /// The edge of the home switch of a gantry's second side; each home switch is also the limit switch of
+    /// its side.
     second: Option<f64>,
     /// Samples for which a home input must be stable; the limit inputs have no filter.
     filter: u32,
@@ -39,12 +39,12 @@ struct Machine {
     /// The home switch of the gantry.
     is_home: bool,
     ways: Vec<f64>,
-    /// Index pulses at `pulse` and every `pitch` from there.
+    /// Index pulses are at `pulse` and every `pitch` from there.
     pulse: f64,
     pitch: f64,
-    /// Samples until a request is taken over; none where the bridge knows of no index.
+    /// Samples until a request is accepted; `None` if the bridge has no index latch.
     delay: Option<u32>,
-    /// The request, samples until it is taken over, and the pulse.
+    /// The request, samples until it is accepted, and the pulse.
     latch: (u32, u32, Option<f64>),
 }
 
@@ -96,7 +96,7 @@ impl Machine {
         self.is_home = one && other || self.is_home && (one || other);
     }
 
-    /// Latches the first pulse between two places.
+    /// Latches the first pulse between two positions.
     fn pass(&mut self, from: f64, to: f64) {
         let (request, left, pulse) = self.latch;
         if request == 0 || left > 0 || pulse.is_some() || self.pitch <= 0.0 {
@@ -139,7 +139,7 @@ impl Machine {
     }
 
     fn run(&mut self, homing: &mut Homing) -> Result<(), Alarm> {
-        // An axis that stands on its switch has done so for long.
+        // An axis on its switch has been there for a long time.
         for _ in 0..=self.filter {
             self.filter();
         }
@@ -277,7 +277,7 @@ fn a_switch_that_is_not_found_again_is_told() {
     assert_eq!(refusal.alarm, Alarm::HomeSwitchMissing);
 }
 
-/// Every order of a sequence of two axes, and nothing else however long an axis takes to come to rest.
+/// Every action of a sequence of two axes, and no other action, however long an axis takes to stop.
 #[test]
 fn each_axis_searches_backs_off_latches_and_goes_home_at_rest_only() {
     let y = HomingAxis {
@@ -297,12 +297,12 @@ fn each_axis_searches_backs_off_latches_and_goes_home_at_rest_only() {
         speed,
     };
     let mut homing = Homing::new(vec![y, AXIS], 1);
-    // 1.1 of the travel for the search, half of it for the ways back.
+    // 1.1 of the travel for the search, half of it for backing off.
     for (axis, bit, search, back) in [(AXIS, 0b001, -880.0, 400.0), (y, 0b010, 550.0, -250.0)] {
         let mut step = |closed: bool, at_rest: bool, place: f64| {
             let mut position = Axes::from_element(-7.0);
             position[axis.axis.index()] = place;
-            // The other axes' switches mean nothing.
+            // The switches of other axes have no meaning.
             let switches = if closed { bit } else { !bit };
             homing.step(
                 &HomingSample {
@@ -354,7 +354,7 @@ fn each_axis_searches_backs_off_latches_and_goes_home_at_rest_only() {
     assert_eq!(homing.axis(), None);
 }
 
-/// An axis that is homed by the index after the switch, with the pulse that is meant 2.5 behind the edge.
+/// An axis that is homed by the index pulse after the switch; the expected pulse is 2.5 behind the edge.
 fn with_index(when_opening: bool, direction: f64) -> (HomingAxis, f64) {
     let method = HomingMethod::SwitchThenIndex {
         when_opening,
@@ -366,7 +366,7 @@ fn with_index(when_opening: bool, direction: f64) -> (HomingAxis, f64) {
         reference: 33.0,
         ..AXIS
     };
-    // Off the switch is towards larger coordinates where the switch is below.
+    // Off the switch is towards larger coordinates if the switch is below.
     let way = if when_opening { -direction } else { direction };
     (axis, way * 2.5)
 }
@@ -382,7 +382,7 @@ fn the_first_pulse_after_the_edge_is_zero_whatever_the_start_the_delay_and_the_w
                 machine.pulse = machine.edge + beyond;
                 machine.delay = Some(delay);
                 machine.run(&mut Homing::new(vec![axis], 7)).unwrap();
-                // Latched by the drive: exact, however late the sample is.
+                // Latched by the drive: exact, however old the sample is.
                 let error = machine.offset - (machine.pulse - 33.0);
                 assert!(error.abs() < 1e-9, "{when_opening} from {start}: {error}");
                 assert!((machine.position - machine.offset - axis.home).abs() < 1e-9);
@@ -503,7 +503,7 @@ fn an_absolute_encoder_moves_nothing_and_is_believed_as_far_as_its_drive_says() 
     assert_eq!(homing.step(&sample, true), HomingAction::Done);
 }
 
-/// A wire that is cut: the axis must not go on into the hard stop behind the limit switch.
+/// A broken wire: the axis must not move on into the hard stop behind the limit switch.
 #[test]
 fn an_axis_that_reaches_its_limit_switch_before_its_home_switch_stops_and_says_why() {
     for (method, name) in [
@@ -517,20 +517,20 @@ fn an_axis_that_reaches_its_limit_switch_before_its_home_switch_stops_and_says_w
             let mut homing = Homing::new(vec![HomingAxis { method, ..AXIS }], 1);
             let ended = machine.run(&mut homing);
             assert_eq!(ended, Err(Alarm::HomeSwitchMissing), "{name}");
-            // A sample at 20 mm/s, or nothing where it stands on the switch.
+            // One sample at 20 mm/s, or nothing if it is on the switch.
             let beyond = machine.position - start.min(-200.0);
             assert!((-0.03..=0.0).contains(&beyond), "{name} from {start}: {beyond}");
         }
     }
 }
 
-/// Cut after the first edge: the slow approach does not find it again.
+/// The wire breaks after the first edge: the slow approach does not find it again.
 #[test]
 fn the_slow_approach_ends_at_the_limit_switch_too() {
     let mut machine = Machine::at(0.0);
     machine.limits[0] = -124.0;
     let mut homing = Homing::new(vec![AXIS], 1);
-    // To where it has left the switch.
+    // Until the axis has left the switch.
     for time_ms in 0.. {
         let at_rest = machine.position == machine.target;
         match homing.step(&machine.sample(time_ms), at_rest) {
@@ -551,8 +551,8 @@ fn the_slow_approach_ends_at_the_limit_switch_too() {
     }
 }
 
-/// One switch may be limit and home switch, and its two inputs need not close together: that of the home
-/// switch with filters up to the slow one of a Mesa board.
+/// One switch may be both limit and home switch, and its two inputs need not close at the same time: the
+/// filter of the home input may be as long as the slow one of a Mesa board.
 #[test]
 fn a_switch_that_is_both_homes_and_the_limit_may_be_seen_first() {
     for filter in [0, 10, 25, 50] {
@@ -578,8 +578,8 @@ fn a_switch_that_is_both_homes_and_the_limit_may_be_seen_first() {
     }
 }
 
-/// A gantry of which each side has one switch as home and limit switch: the limit of the side that comes
-/// first is seen until its home input is closed.
+/// A gantry in which each side has one switch as home and limit switch: the limit of the side that arrives
+/// first is seen until the home input closes.
 #[test]
 fn a_gantry_goes_on_from_the_limit_of_one_side_to_the_switch_of_the_other() {
     for filter in [1, 25, 50] {
@@ -613,8 +613,8 @@ fn a_home_switch_that_presses_both_limit_switches_is_left_and_found() {
             assert_eq!(ended, Ok(()), "{method:?} from {start}");
         }
     }
-    // A home switch of its own that is stuck: the limit switch of the other end stops the axis on its way
-    // off.
+    // A separate home switch that is stuck: the limit switch of the other end stops the axis while it leaves
+    // the switch.
     for start in [0.0, 50.0] {
         let mut machine = Machine::at(start);
         (machine.stuck, machine.limits[1]) = (true, 50.0);
@@ -624,7 +624,7 @@ fn a_home_switch_that_presses_both_limit_switches_is_left_and_found() {
     }
 }
 
-/// What the homing sequence does not look at by itself stops the axes as ever.
+/// Limit switches that the homing sequence does not handle itself stop the axes as always.
 #[test]
 fn only_the_limit_switch_in_the_direction_of_the_search_is_expected_and_only_until_zero_is_known() {
     let mut homing = Homing::new(vec![AXIS], 1);

@@ -1,4 +1,4 @@
-//! The desk, told and asked.
+//! The operator's state under commands and events.
 
 use evolvent_path::AxisMask;
 
@@ -14,7 +14,7 @@ const FACTS: OperatorInputs = OperatorInputs {
     is_away: false,
 };
 
-/// A client that counts.
+/// A client that numbers its commands.
 struct Client(u64);
 
 impl Client {
@@ -89,7 +89,7 @@ fn drives_have_the_time_that_was_set_and_no_more() {
     }
 }
 
-/// Sends a command that names what it means; its answer.
+/// Sends a command that names its object; returns the reply.
 fn says(
     desk: &mut OperatorState,
     serial: u64,
@@ -124,7 +124,7 @@ fn after_a_rejected_load_nothing_starts_unless_it_is_named() {
     assert_eq!(says(&mut desk, 1, CommandCode::Load, "a.ngc", true), Ok(()));
     assert_eq!(says(&mut desk, 2, CommandCode::Start, "", true), Ok(()));
     assert_eq!(says(&mut desk, 3, CommandCode::Start, "a.ngc", true), Ok(()));
-    // The second program is found to be bad while it is carried out, or cannot even be read.
+    // The second program has errors that are found later, or cannot be read at all.
     assert_eq!(says(&mut desk, 4, CommandCode::Load, "b.ngc", false), Ok(()));
     for (serial, code) in [(5, CommandCode::Start), (6, CommandCode::Step)] {
         let refusal = says(&mut desk, serial, code, "", true).unwrap_err();
@@ -230,7 +230,7 @@ fn who_is_refused_for_a_latched_alarm_is_told_which_and_otherwise_what_the_rule_
     };
     let mut desk = OperatorState::default();
     desk.raise(Alarm::DriveFault, "axis X");
-    // In emergency stop that is the reason, whatever is latched.
+    // In emergency stop that is the reason, whichever alarms are latched.
     let first = refusal(&mut desk, 1);
     assert_eq!(first, Rejection::by_rule(Alarm::InEstop, CommandCode::Home));
     desk.commit(&Command::EstopReset, 0, false);
@@ -407,7 +407,7 @@ fn an_alarm_that_latches_is_listed_however_many_others_are() {
     assert!(desk.has_latched_alarm());
     assert_eq!((desk.alarms().count(), desk.unlisted_alarms()), (MAX_ALARMS, 1));
     assert_eq!(desk.alarms().next(), Some((Alarm::DriveFault, "axis X")));
-    // And where all of them are: the cause, whose sentence the status shows, and the newest.
+    // With latching alarms only: the cause, whose sentence the status shows, and the newest.
     for alarm in kinds(true) {
         desk.raise(alarm, "a fault");
     }
@@ -428,7 +428,7 @@ fn the_first_of_the_alarms_is_their_cause() {
     assert_eq!(listed(&desk), [Alarm::Trace, Alarm::NotKept]);
     desk.raise(Alarm::Mdi, "no such code");
     assert_eq!(listed(&desk), [Alarm::Mdi, Alarm::Trace, Alarm::NotKept]);
-    // A bridge that is silent, then what comes of it.
+    // A bridge that is silent, then the consequences.
     desk.raise(Alarm::FeedbackStale, "the bridge is silent");
     desk.raise(Alarm::ReferenceLost, "home X again");
     desk.raise(Alarm::DriveFault, "axis X");

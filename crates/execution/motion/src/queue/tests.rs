@@ -1,4 +1,4 @@
-//! The queue by itself, without planner and cycle.
+//! The queue alone, without planner and cycle.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -16,7 +16,7 @@ fn request(id: u64) -> Request {
     Request { id, ..EMPTY }
 }
 
-/// Four steps, the first two of them final, the others a tail.
+/// Four steps: the first two are final, the others are a tail.
 fn four() -> (PlanProducer<fn() -> bool>, PlanConsumer) {
     let (mut producer, consumer) = plan_queue((|| false) as fn() -> bool);
     for line in 0..4 {
@@ -79,7 +79,7 @@ fn a_place_that_is_kept_after_a_stop_is_that_of_the_step_that_is_linked_to_it() 
     producer.keep_place().expect("room");
     producer.commit(2);
     assert_eq!((consumer.occupant(0), consumer.occupant(1)), (Some(0), None));
-    // The plan of a reply that is not taken over, and what follows the stop.
+    // The plan of a reply that is not taken over, and the step after the stop.
     for line in 2..4 {
         producer.step(&dwell(line)).expect("room");
     }
@@ -140,7 +140,7 @@ fn the_end_of_a_window_is_looked_at_once() {
     producer.commit(4);
     assert!(producer.link(1, 3));
     assert_eq!(consumer.settle_successor(1, false), (3, false));
-    // In a later cycle, after a look that failed farther ahead.
+    // In a later cycle, after a look farther ahead has failed.
     consumer.begin_cycle(Some(0));
     assert_eq!(consumer.settle_successor(3, false), (4, true), "a tail");
     assert_eq!(consumer.settle_successor(1, false), (3, false), "known already");

@@ -1,5 +1,4 @@
-//! What follows a choice of the second derivative of the rate: a recovery over the plan ahead, within the
-//! limits.
+//! The consequences of a second derivative of the rate: a recovery over the plan ahead, within the limits.
 
 use evolvent_machine::Limits;
 use evolvent_path::AXES;
@@ -10,23 +9,23 @@ use super::{
 };
 use crate::plan_preview::Sample;
 
-/// Where a step with a certain `s''` leads.
+/// The outcome of a step with a certain `s''`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Outlook {
-    /// It can go over to a constant rate that does not lie past the target.
+    /// The rate can become constant without passing the target.
     Safe,
-    /// It cannot before the rate has passed the target.
+    /// The rate can become constant only after it has passed the target.
     Past,
     /// An axis would exceed a limit, or the plan is not known far enough.
     Unsafe,
 }
 
-/// What the limits leave for `s''` in one step.
+/// The range of `s''` within the limits in one step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds {
     pub(super) lower: f64,
     pub(super) upper: f64,
-    /// By how much a bound may be passed because of what lies between instants.
+    /// Amount by which a bound may be exceeded between instants.
     slack: f64,
 }
 
@@ -34,7 +33,7 @@ impl Bounds {
     /// The value that brings `s'` to zero as soon as possible.
     pub(super) fn recovery(&self, from: RateState) -> f64 {
         let needed = (-from.first / STEP_S).clamp(-MAX_SECOND, MAX_SECOND);
-        // Where nothing is allowed the bounds are infinite.
+        // An empty range has infinite bounds.
         if from.first > 0.0 {
             needed.max(self.lower.min(MAX_SECOND))
         } else {
@@ -47,17 +46,17 @@ impl Bounds {
     }
 }
 
-/// Follows a slowdown over the plan ahead.
+/// Simulates a slowdown over the plan ahead.
 pub(super) struct Follower<'a, A> {
     pub(super) ahead: &'a mut A,
     pub(super) limits: &'a Limits,
-    /// Axes from this one on are absent.
+    /// Number of axes; the others are absent.
     pub(super) axes: usize,
     pub(super) target: f64,
 }
 
 impl<A: Lookahead> Follower<'_, A> {
-    /// Whether the slowdown can go over to a constant rate after `span` seconds with this `s''`.
+    /// Whether the rate can become constant after `span` seconds with this `s''`.
     pub(super) fn outlook(&mut self, from: RateState, begin: usize, second: f64, span: f64) -> Outlook {
         let falls = self.target < from.rate;
         let (mut now, mut index, mut second) = (from, begin, second);
@@ -78,7 +77,7 @@ impl<A: Lookahead> Follower<'_, A> {
             }
             now = now.after(span, second);
             index = next;
-            // Before it has turned round it cannot have passed it on this side.
+            // Before it has turned round it cannot have passed the target on this side.
             let towards = falls == (now.first < 0.0);
             let beyond = if falls {
                 self.target - now.rate
@@ -103,8 +102,7 @@ impl<A: Lookahead> Follower<'_, A> {
         Outlook::Unsafe
     }
 
-    /// The constant `s''` that leads to the target, and how long it takes, where the limits are kept all the
-    /// way.
+    /// The constant `s''` that leads to the target, and its duration, if the limits are kept throughout.
     pub(super) fn landing(&mut self, from: RateState, begin: usize) -> Option<(f64, f64)> {
         let fall = from.rate - self.target;
         if fall * from.first >= 0.0 {
@@ -141,17 +139,17 @@ impl<A: Lookahead> Follower<'_, A> {
         self.ahead.sample(index)
     }
 
-    /// What a step of `span` seconds allows, from the plan at its start, at its end and at the samples
-    /// between; and the last sample before its end. None where the plan ends before the step, or within it
-    /// elsewhere than at rest.
+    /// The range for a step of `span` seconds, from the plan at its start, at its end and at the samples
+    /// between, and the last sample before its end. `None` if the plan ends before the step, or within it
+    /// other than at rest.
     pub(super) fn bounds(&mut self, from: RateState, begin: usize, span: f64) -> Option<(Bounds, usize)> {
         let end = from.time + span * (from.rate + 0.5 * span * from.first).max(0.0);
         let limits = self.limits;
         let axes = self.axes;
         let mut gathered = Gathered::new(limits, axes, from, span);
         let (mut index, mut left) = (begin, *self.sample(begin)?);
-        // A step may end a hair before the place that its bounds were taken to, and a jump of the plan may
-        // lie between the two: what is seen ahead and what is met later must be the same.
+        // A step may end slightly before the time up to which its bounds were taken, and a jump of the plan
+        // may lie between the two. The preview and the later step must see the same samples.
         while left.time > from.time && index > self.ahead.oldest() {
             index -= 1;
             left = *self.sample(index)?;
@@ -167,7 +165,7 @@ impl<A: Lookahead> Follower<'_, A> {
             gathered.include(span * share, &right);
             index += 1;
             let Some(next) = self.sample(index + 1).copied() else {
-                // The plan stays where it rests: up to there the limits hold as everywhere.
+                // The plan stays at its rest: up to there the limits apply as usual.
                 let rests = self.ahead.rests_at().is_some_and(|rest| rest <= end);
                 return rests.then(|| (gathered.bounds(), index));
             };
@@ -178,7 +176,7 @@ impl<A: Lookahead> Follower<'_, A> {
     }
 }
 
-/// One more than the index of the last axis that is present: what follows costs nothing.
+/// One more than the index of the last present axis: axes after it cost nothing.
 pub(super) fn axes_in_use(limits: &Limits) -> usize {
     limits
         .present
@@ -187,7 +185,7 @@ pub(super) fn axes_in_use(limits: &Limits) -> usize {
         .map_or(0, |last| last + 1)
 }
 
-/// Bounds of `s''` as they are gathered, instant by instant.
+/// Bounds of `s''`, collected instant by instant.
 struct Gathered<'a> {
     pub(super) limits: &'a Limits,
     pub(super) axes: usize,
@@ -211,7 +209,7 @@ impl<'a> Gathered<'a> {
         }
     }
 
-    /// Takes in the plan `seconds` after the start of the step.
+    /// Adds the plan `seconds` after the start of the step.
     fn include(&mut self, seconds: f64, plan: &Sample) {
         let limits = self.limits;
         let (r, s) = (
@@ -222,7 +220,7 @@ impl<'a> Gathered<'a> {
             let (v, a, j) = (plan.first[i], plan.second[i], plan.third[i]);
             let most_j = (limits.jerk[i] * ALLOWED.1).max(j.abs());
             let base = s * (s * s * j + 3.0 * r * a);
-            // `s''` changes `s` and `s'` within the step as well.
+            // `s''` also changes `s` and `s'` within the step.
             let slope = v + 3.0 * seconds * (s * a + 0.5 * seconds * (s * s * j + r * a));
             self.bound(base, slope, most_j, (ROUNDING.1 - ALLOWED.1) * most_j);
             let early = seconds < EARLY_FRACTION * self.span;
@@ -242,7 +240,7 @@ impl<'a> Gathered<'a> {
     fn bound(&mut self, base: f64, slope: f64, most: f64, slack: f64) {
         let size = slope.abs();
         if size * MAX_SECOND < 1e-3 * most {
-            // No choice of this changes it.
+            // No choice of `s''` changes this.
             if base.abs() > most + slack + 1e-3 * most {
                 self.lower = f64::INFINITY;
             }

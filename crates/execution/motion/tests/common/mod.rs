@@ -1,5 +1,6 @@
-//! Random programs and machines, and measures that share no code with planner or guard: limits are read from
-//! differences of the published positions, and distances from the programmed curves themselves.
+//! Random programs and machines, and measurements that share no code with planner or guard: limits are
+//! checked on differences of the published positions, and distances are measured from the programmed curves
+//! themselves.
 
 #![allow(dead_code, unreachable_pub, reason = "each test uses its part")]
 #![allow(
@@ -14,8 +15,8 @@ use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Move, MoveKind, Path
 use evolvent_planner::{PathLimits, PathRules, PlanSink, Planner};
 pub use evolvent_random::Random;
 
-/// Passes methods of a [`evolvent_planner::PlanSink`] on to `self.sink`: a sink of a test has only what it
-/// changes.
+/// Forwards methods of a [`evolvent_planner::PlanSink`] to `self.sink`: a sink of a test implements only the
+/// methods that it changes.
 macro_rules! forward_to_sink {
     ($($method:ident)*) => { $(crate::common::forward_to_sink!(@ $method);)* };
     (@ segment) => {
@@ -101,7 +102,7 @@ macro_rules! forward_to_sink {
 }
 pub(crate) use forward_to_sink;
 
-/// The same limits on every axis, and travel that nothing leaves.
+/// The same limits on every axis, and an unlimited travel.
 pub fn equal_axes(velocity: f64, acceleration: f64, jerk: f64) -> Limits {
     Limits {
         present: [true; AXES],
@@ -171,7 +172,7 @@ pub fn program(random: &mut Random, mode: PathMode, rotary: bool) -> Vec<Move> {
                 }
                 Arc::new(plane, at, end, centre, sense, 0).map(Curve::Arc)
             }
-            // Back the way it came: the sharpest corner there is.
+            // A reversal: the sharpest corner.
             1 if !moves.is_empty() && random.unit() < 0.3 => {
                 let last: &Move = &moves[moves.len() - 1];
                 Ok(last.curve.reversed())
@@ -240,7 +241,7 @@ fn involute(random: &mut Random, at: Axes, step: f64) -> Option<Curve> {
     if random.unit() < 0.5 {
         return Some(curve);
     }
-    // The same curve inwards, moved so that it starts here.
+    // The reversed curve, moved so that it starts here.
     let back = curve.reversed();
     let shift = at - back.start();
     let (start, end) = (at, back.end() + shift);
@@ -309,7 +310,7 @@ pub fn wave(blocks: usize) -> Scenario {
     }
 }
 
-/// Plans all of it at once; only a classic plan can be driven without its planner.
+/// Plans everything at once; only a classic plan can be driven without its planner.
 pub fn plan(scenario: &Scenario) -> PlanConsumer {
     let (producer, consumer) = plan_queue(|| false);
     let mut planner = scenario.planner(1.0, producer);
@@ -320,13 +321,13 @@ pub fn plan(scenario: &Scenario) -> PlanConsumer {
     consumer
 }
 
-/// Planner and cycle hand in hand: the planner goes on where the cycle would have to wait.
+/// Planner and cycle in lockstep: the planner continues when the cycle would have to wait.
 pub struct Pair {
     pub planner: Planner<PlanProducer<fn() -> bool>>,
     pub queue: PlanConsumer,
     pub motion: PathExecutor,
     pub fed: usize,
-    /// Moves pushed at once.
+    /// Number of moves pushed at once.
     pub lump: usize,
 }
 
@@ -342,7 +343,7 @@ impl Pair {
         }
     }
 
-    /// Brings the planner on until the next step does not depend on it any more.
+    /// Runs the planner until the next step does not depend on it any more.
     pub fn plan_ahead(&mut self, scenario: &Scenario) {
         let mut tries = 0;
         while !self.motion.is_ready(&mut self.queue) {
@@ -361,8 +362,7 @@ impl Pair {
         }
     }
 
-    /// Lets the planner plan on. Where the queue is full it goes on another time: nobody takes anything while
-    /// it waits.
+    /// Lets the planner continue. If the queue is full it continues later: nothing is taken while it waits.
     pub fn poll(&mut self) {
         let _full = self.planner.poll();
     }
@@ -399,7 +399,7 @@ pub fn run(scenario: &Scenario, mut inputs: impl FnMut(u64) -> Inputs) -> (Vec<S
     (out, pair.motion)
 }
 
-/// Largest ratios of first, second and third differences to the limits, away from flagged joints.
+/// Maximum ratios of first, second and third differences to the limits, away from flagged joints.
 pub fn ratios(scenario: &Scenario, setpoints: &[Setpoint]) -> [f64; 3] {
     let start = scenario.moves[0].curve.start();
     let rate = 1e9 / scenario.period_ns as f64;
@@ -511,7 +511,7 @@ pub fn check(scenario: &Scenario, setpoints: &[Setpoint], motion: &PathExecutor,
 pub fn scenario(random: &mut Random, mode: PathMode, rotary: bool) -> Scenario {
     let limits = limits(random);
     let moves = program(random, mode, rotary);
-    // The highest rate of those that do not take for ever.
+    // The highest rate at which the run does not take too long.
     let seconds: f64 = moves
         .iter()
         .map(|motion| motion.curve.length() / motion.feed_mm_s.min(100.0))

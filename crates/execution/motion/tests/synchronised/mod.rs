@@ -1,5 +1,5 @@
-//! Threads and taps on simulated spindles of inertia, uneven speed, encoder and delay: phase, limits, and
-//! what happens when the spindle fails.
+//! Threads and taps on simulated spindles with inertia, uneven speed, encoder and delay: phase, limits, and
+//! failures of the spindle.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 mod taps;
@@ -19,7 +19,7 @@ use evolvent_signals::{InputImage, Signals, SpindleAngle, SpindleState};
 
 use crate::common::{PLANNERS, Random, equal_axes, limits};
 
-/// How often a bridge tells the angle, s.
+/// Interval at which a bridge reports the angle, s.
 const SAMPLE_S: f64 = 1e-3;
 const LEAD: u32 = 2;
 
@@ -27,7 +27,7 @@ const LEAD: u32 = 2;
 #[derive(Clone, Copy, Debug)]
 struct Spindle {
     rev_s: f64,
-    /// Speed changes by so much at most, turns/s^2.
+    /// Maximum rate of change of the speed, turns/s^2.
     torque: f64,
     ripple: f64,
     order: f64,
@@ -37,16 +37,16 @@ struct Spindle {
     index: f64,
 }
 
-/// What happens to it.
+/// Trouble of the spindle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Trouble {
     None,
-    /// Nothing is told from this time on.
+    /// Nothing is reported from this time on.
     Silent(f64),
     /// It slows down to a standstill from this time on.
     Stall(f64),
-    /// Its speed sinks by so much within its torque at this time: a tool begins to cut. Below 0 it rises: an
-    /// override.
+    /// Its speed falls by this amount, within its torque, at this time: a tool begins to cut. Negative values
+    /// raise the speed: an override.
     Load(f64, f64),
     /// It does not turn back.
     Stubborn,
@@ -86,7 +86,7 @@ impl Track {
         }
     }
 
-    /// The true angle, between two steps by the straight line.
+    /// The true angle, with linear interpolation between two steps.
     fn at(&self, time_s: f64) -> f64 {
         let at = (time_s / STEP_S).max(0.0);
         let low = (at as usize).min(self.turns.len() - 1);
@@ -98,14 +98,14 @@ impl Track {
 struct Outcome {
     result: Option<ThreadResult>,
     all: Vec<Setpoint>,
-    /// Of the pass alone: number of the setpoint.
+    /// Numbers of the setpoints of the pass alone.
     pass: std::ops::Range<usize>,
     track: Track,
     allocations: usize,
     state: State,
 }
 
-/// Drives one pass, and away from where it ends.
+/// Drives one pass, and a move away from its end.
 #[expect(clippy::too_many_arguments, reason = "a case is many things")]
 fn run(
     machine: Limits,
@@ -147,7 +147,7 @@ fn run(
         }
         let number = all.len();
         let computed_s = (number as f64 - f64::from(LEAD)) * period;
-        // The spindle obeys what has been due.
+        // The spindle executes commands that are due.
         if let Some(tap) = pass.tap
             && actions > 0
             && trouble != Trouble::Stubborn
@@ -176,7 +176,7 @@ fn run(
             );
             image.angle = Some(SpindleAngle {
                 cycle: time_s / period,
-                // The middle of a count, as bridges tell it.
+                // The middle of a count, as bridges report it.
                 turns: ((angle * spindle.counts).floor() + 0.5) / spindle.counts,
             });
             signals.observe(&image);
@@ -276,8 +276,8 @@ fn straight(pitch: f64, length: f64, rev_s: f64) -> ThreadPass {
     }
 }
 
-/// Largest error between run-in and run-out, mm, against the true angle and a thread that begins at a whole
-/// turn; and that turn.
+/// Maximum error between run-in and run-out, mm, relative to the true angle and a thread that begins at a
+/// whole turn; and that turn.
 fn phase_error(
     outcome: &Outcome,
     pass: &ThreadPass,
@@ -303,7 +303,7 @@ fn phase_error(
     (worst, origin)
 }
 
-/// A lathe of middling size.
+/// A medium-sized lathe.
 fn lathe() -> Limits {
     equal_axes(300.0, 4000.0, 100_000.0)
 }

@@ -1,4 +1,4 @@
-//! Rigid tapping: into the hole and out in phase, and what ends it.
+//! Rigid tapping: into the hole and out in phase, and failures.
 
 use super::*;
 
@@ -46,7 +46,7 @@ fn a_tap_goes_in_and_out_in_phase_and_stops_at_its_depth() {
             deepest = deepest.max(depth);
             let is_turning = (outcome.all[k].velocity[2] + rev_s).abs() > 0.03 * rev_s
                 && (outcome.all[k].velocity[2] - 1.5 * rev_s).abs() > 0.03 * rev_s;
-            // Out of the hole it is faster, and its run-out longer.
+            // On the way out it is faster, and its run-out longer.
             if depth > 2.5 * run_in {
                 let turns = outcome.track.at(k as f64 * 1e-3) - depth;
                 if origin.is_nan() {
@@ -57,7 +57,8 @@ fn a_tap_goes_in_and_out_in_phase_and_stops_at_its_depth() {
                 if is_turning {
                     turned_at = k;
                 } else if k > turned_at + 50 && turned_at > 0 {
-                    // In, the spindle is even for long; out, it has its speed again for 50 ms.
+                    // On the way in, the spindle is even for a long time; on the way out, it has its speed
+                    // again for 50 ms.
                     worst = worst.max(error);
                 }
             }
@@ -69,12 +70,12 @@ fn a_tap_goes_in_and_out_in_phase_and_stops_at_its_depth() {
         );
         assert!(worst <= 0.003, "{rpm} rpm: {worst} mm");
         assert!(worst_turning <= 0.006, "{rpm} rpm: {worst_turning} mm");
-        // By the ripple at the end, and the time that the order takes.
+        // Due to the ripple at the end, and the time until the command acts.
         assert!((deepest - 15.0).abs() < 0.02 * rev_s, "{deepest}");
     }
 }
 
-/// A tap of 15 turns at 600 rpm and the spindle for it, which turns back in 0.6 s.
+/// A tap of 15 turns at 600 rpm and its spindle, which reverses in 0.6 s.
 fn tap_of_15_turns(braking: Option<f64>) -> (Spindle, ThreadPass) {
     let spindle = Spindle {
         rev_s: 10.0,
@@ -111,13 +112,13 @@ fn a_tap_whose_spindle_does_not_turn_back_stops() {
         );
         let result = outcome.result.expect("a result");
         assert_eq!(result.verdict, ThreadVerdict::NotTurnedBack);
-        // Two turns and the way of its braking, or half a second, and the stop.
+        // Two turns, the braking distance or half a second, and the stop.
         assert!((-23.0..-15.0).contains(&result.stands_at[2]), "{result:?}");
         assert_within(&outcome.all, &lathe(), 1_000_000, "stubborn");
     }
 }
 
-/// How that tap goes where the spindle has this trouble.
+/// The result of that tap if the spindle has this trouble.
 fn jammed(trouble: Trouble, braking: Option<f64>, period_ns: u64) -> Outcome {
     let (spindle, pass) = tap_of_15_turns(braking);
     let never = f64::INFINITY;
@@ -153,7 +154,7 @@ fn a_tap_whose_spindle_jams_stops_with_an_error_at_every_phase() {
             .max_by(|&a, &b| depth_of(a).total_cmp(&depth_of(b)))
             .expect("a pass");
         let bottom = deepest as f64 * period;
-        // Into the hole, as it brakes, at the bottom, as it speeds up outwards, on the way out.
+        // On the way in, while braking, at the bottom, while accelerating outwards, on the way out.
         let mut moments: Vec<f64> = (1..20)
             .map(|part| begin + f64::from(part) * 0.05 * (end - begin))
             .collect();
@@ -163,14 +164,14 @@ fn a_tap_whose_spindle_jams_stops_with_an_error_at_every_phase() {
             let outcome = jammed(Trouble::Stall(at), braking, period_ns);
             let result = outcome.result.expect("a result");
             if result.verdict == ThreadVerdict::Done {
-                // It has run out of the hole by the time that it would have been slow.
+                // It has left the hole before it could have been slow for too long.
                 assert!(at > end - 0.4, "{at} s of {end} s: {result:?}");
                 continue;
             }
             stalled += 1;
             assert_eq!(result.verdict, ThreadVerdict::Stalled, "{at} s of {end} s");
             assert!(result.worst_mm > 0.0 && result.worst_mm < 0.1, "{result:?}");
-            // The braking to a stand, twice the time that it may be slow, and half a second.
+            // The braking to a standstill, twice the permitted slow time, and half a second.
             let took = outcome.pass.end as f64 * period - at;
             assert!(took < 1.6, "{took} s after {at} s");
         }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Drives a pass of 30 mm in which nothing happens, within every limit and without an allocation; the largest
+/// Drives an undisturbed pass of 30 mm, within every limit and without an allocation; returns the maximum
 /// phase error, mm.
 fn error_of_a_pass(spindle: &Spindle, pitch: f64, what: &str) -> f64 {
     let pass = straight(pitch, 30.0, spindle.rev_s);
@@ -47,7 +47,7 @@ fn a_thread_is_in_phase_on_uneven_spindles_at_any_speed() {
                 let error = error_of_a_pass(&spindle, pitch, &what);
                 println!("{what}: {:.2} um", error * 1e3);
                 worst_of_all = worst_of_all.max(error);
-                // What of the ripple no axis can follow: its jerk, of which a part is left for it.
+                // The part of the ripple that the axes cannot follow, because of its jerk.
                 let amplitude = pitch * ripple / (TAU * order);
                 let rate = TAU * order * spindle.rev_s;
                 let left_out = (amplitude - 0.3 * 100_000.0 / rate.powi(3)).max(0.0);
@@ -59,7 +59,7 @@ fn a_thread_is_in_phase_on_uneven_spindles_at_any_speed() {
     println!("worst: {:.2} um", worst_of_all * 1e3);
 }
 
-/// Encoders of few lines, whose angle stands still for some samples at low speed.
+/// Encoders of few lines, whose reported angle does not change for several samples at low speed.
 #[test]
 fn a_thread_is_in_phase_with_encoders_of_any_resolution() {
     for counts in [100.0, 256.0, 360.0, 400.0, 1024.0, 2500.0, 10_000.0] {
@@ -73,7 +73,7 @@ fn a_thread_is_in_phase_with_encoders_of_any_resolution() {
                     order: 1.0,
                     counts,
                     delay_s: 0.002,
-                    // Not at an edge of a count: rounding would pass for a count back and forth.
+                    // Not at an edge of a count, where rounding would look like counts to and fro.
                     index: 0.3137,
                 };
                 let what = format!("{counts} counts, {rpm} rpm, ripple {ripple}");
@@ -106,7 +106,8 @@ fn passes_at_other_speeds_and_after_holds_lie_in_the_same_groove() {
             ..straight(1.25, 40.0, rev_s)
         };
         let run_in = pass.check(&lathe(), 1e-3).expect("room");
-        // A hold in the middle of the pass has the machine stand after it; one before it waits.
+        // After a hold in the middle of the pass the machine stops after the pass; a hold before the pass
+        // delays it.
         let hold = if case % 4 == 1 { 0.0..3.0 } else { 0.0..0.05 };
         let outcome = run(
             lathe(),
@@ -151,9 +152,9 @@ fn a_tool_that_begins_to_cut_slows_the_spindle_and_the_thread_follows() {
     assert_within(&outcome.all, &lathe(), 1_000_000, "load");
     let (error, _) = phase_error(&outcome, &pass, 2.0, run_in, 1_000_000);
     println!("load step: {:.2} um", error * 1e3);
-    // Its speed sinks by 10 turns/s^2 without a warning: 5 ms until the first sample of it counts, and as
-    // long again until it stands out of the encoder's steps, are 2 mm * 10 / 2 * (10 ms)^2 = 1 um; the
-    // follower has its share.
+    // Its speed falls by 10 turns/s^2 without warning. 5 ms until the first sample shows it, and as long
+    // again until it exceeds the steps of the encoder, give 2 mm * 10 / 2 * (10 ms)^2 = 1 um; the follower
+    // adds its part.
     assert!(error < 0.005, "{error}");
 }
 
@@ -250,7 +251,7 @@ fn random_threads_keep_every_limit_whatever_the_spindle_does() {
             Some(ThreadVerdict::Done) => met[1] += 1,
             Some(ThreadVerdict::Refused(_)) => {
                 met[2] += 1;
-                // What just fits may not at the speed of the moment, and the other way round.
+                // A thread that just fits may not fit at the present speed, and vice versa.
                 let near = ThreadPass {
                     turns_per_s: 1.1 * pass.turns_per_s,
                     ..pass.clone()
@@ -268,7 +269,7 @@ fn random_threads_keep_every_limit_whatever_the_spindle_does() {
             }
             Some(ThreadVerdict::Lost | ThreadVerdict::Unknown) => {
                 met[3] += 1;
-                // Of a spindle that stands before its index pulse has come the angle stays unknown as well.
+                // If a spindle stops before its index pulse, the angle also stays unknown.
                 assert!(
                     matches!(trouble, Trouble::Silent(_) | Trouble::Stall(_)),
                     "{what}"
@@ -292,7 +293,7 @@ fn a_lost_angle_ends_a_pass_where_it_is_and_not_before_the_index_pulse_does_one_
         order: 1.0,
         counts: 4096.0,
         delay_s: 0.001,
-        // Its angle is told for half a second before it means anything.
+        // Its angle is reported for half a second before the index pulse.
         index: 5.3,
     };
     let pass = straight(1.5, 60.0, 10.0);
@@ -351,7 +352,7 @@ fn an_override_of_the_spindle_in_a_pass_is_followed_in_phase() {
         assert_within(&outcome.all, &lathe(), 1_000_000, "override");
         let (error, _) = phase_error(&outcome, &pass, 2.0, run_in, 1_000_000);
         println!("override by {change}: {:.2} um", error * 1e3);
-        // The run-out of the faster spindle is wider: the axes can follow it.
+        // The run-out at the faster spindle speed is wider: the axes can follow it.
         assert!(result.worst_mm < 0.01, "{}", result.worst_mm);
         assert!(error < 0.008, "{error}");
     }
@@ -366,7 +367,7 @@ fn what_cannot_be_cut_is_refused_at_rest() {
     else {
         unreachable!("100 mm/s cannot be reached and left within 5 mm")
     };
-    // 105 mm/s for the reserve: 26 mm/s^2... by the jerk, two boxes of sqrt(105 / 60000) s.
+    // 105 mm/s with the reserve; the jerk needs two boxes of sqrt(105 / 60000) s.
     let expected = 105.0 * (105.0_f64 / 60_000.0).sqrt();
     assert!(
         (run_in_mm - expected).abs() < 1e-9 && length_mm == 5.0,
@@ -376,7 +377,7 @@ fn what_cannot_be_cut_is_refused_at_rest() {
 
 #[test]
 fn a_spindle_that_stops_before_the_run_in_ends_a_pass_and_a_slow_one_does_not() {
-    // Up to one turn passes before the axes move: a second here.
+    // Up to one turn passes before the axes move: one second here.
     let spindle = Spindle {
         rev_s: 1.0,
         torque: 10.0,

@@ -17,7 +17,7 @@ pub fn sign(random: &mut Random) -> f64 {
     if random.unit() < 0.5 { -1.0 } else { 1.0 }
 }
 
-/// Seed and number of cases; both may be given in the environment.
+/// Seed and number of cases; the environment may set both.
 pub fn campaign(seed: u64, cases: usize) -> (Random, usize) {
     (
         Random::from_state(evolvent_random::seed(seed)),
@@ -25,7 +25,7 @@ pub fn campaign(seed: u64, cases: usize) -> (Random, usize) {
     )
 }
 
-/// Limits over four decades, unlike on every axis.
+/// Limits over four decades, different for every axis.
 pub fn limits(random: &mut Random, axes: usize) -> Limits {
     let mut limits = Limits {
         present: [false; AXES],
@@ -56,7 +56,7 @@ pub fn state(random: &mut Random, limits: &Limits, from: &Axes, rest: f64) -> Ax
             continue;
         }
         let (v, a, j) = (limits.velocity[i], limits.acceleration[i], limits.jerk[i]);
-        // A cruise at the limit is what a jog is most of its time.
+        // A jog moves at its speed limit most of the time.
         if random.unit() < 0.15 {
             state.velocity[i] = sign(random) * v;
             continue;
