@@ -47,7 +47,7 @@ pub trait Hardware {
     const NAME: &'static str;
     /// What its file has for each axis, as in `a device`.
     const ENTRY: &'static str;
-    /// Sessions open UDP sockets. Else every socket of theirs is open before the bridge runs.
+    /// Whether sessions open UDP sockets. Otherwise all their sockets are open before the bridge runs.
     const OPENS_UDP: bool = false;
 
     /// The axes that it drives.
@@ -59,7 +59,7 @@ pub trait Hardware {
     /// Whether it measures a spindle of the machine.
     fn measures_spindles(&self) -> bool;
 
-    /// What it is and of which machine, for the log.
+    /// The kind of bridge and its machine, for the log.
     fn title(&self) -> String {
         Self::NAME.to_owned()
     }
@@ -86,7 +86,7 @@ pub enum BridgeError {
     /// Capabilities cannot be dropped.
     #[error("capabilities cannot be dropped: {0}")]
     Privileges(std::io::Error),
-    /// The bus has moved where the bridge may not go any more.
+    /// The bus has a new folder, to which the bridge has no access any more.
     #[error(
         "the bus's folder {folder} was made, or made again, after the bridge had given up its rights to \
          other folders: start the bridge again"
@@ -95,7 +95,7 @@ pub enum BridgeError {
         /// The folder.
         folder: String,
     },
-    /// Another set of axes.
+    /// Core and hardware have different axes.
     #[error(
         "the core drives the axes {core}, the {file} file has {driven}: give each axis of the machine {entry}"
     )]
@@ -111,19 +111,19 @@ pub enum BridgeError {
     },
 }
 
-/// Runs a bridge until `stop` is set or the time is up. Waits for its core, outlives it, and finds the next
-/// one. `tell` receives the messages for the log.
+/// Runs a bridge until `stop` is set or the time is up. Waits for its core, keeps running when the core ends,
+/// and connects to the next one. `tell` receives the messages for the log.
 ///
-/// The calling thread, which serves the bus, keeps no capability, no file but those of the bus, and only the
-/// system calls that this needs, permanently: call this on a thread that does little else afterwards. Rights
-/// that this kernel cannot remove are reported.
+/// The calling thread, which serves the bus, permanently gives up all capabilities, all files except those of
+/// the bus, and all system calls that it does not need: call this on a thread that does little else
+/// afterwards. Rights that this kernel cannot remove are reported.
 ///
-/// Both threads run with `SCHED_FIFO`, below the core's, and memory is locked if the machine file says so,
-/// where the system permits it. What it does not permit is reported.
+/// Both threads run with `SCHED_FIFO`, below the core's priority, and memory is locked if the machine file
+/// says so, as far as the system permits. Missing permissions are reported.
 ///
-/// `session` is called, in a thread with fewer rights still, once a core is known and
-/// again whenever it has returned. It sets up the hardware and runs its cycle until something ends it; it
-/// returns `Ok` if it was asked to stop.
+/// `session` is called, in a thread with even fewer rights, once a core is known and again whenever it has
+/// returned. It sets up the hardware and runs its cycle until the session ends; it returns `Ok` if a stop was
+/// requested.
 ///
 /// # Errors
 /// The core does not match the hardware, or privileges cannot be dropped.
@@ -146,9 +146,9 @@ pub fn run_bridge<H: Hardware>(
     let writable = writable_folders(settings.prefix)?;
     let folders = bus_folders(settings.prefix)?;
     let realtime = &settings.machine.realtime;
-    // Below the cycle and the publisher of the core, which have to run first.
+    // Below the cycle and the publisher of the core, which must run first.
     let priority = realtime.priority.saturating_sub(2).max(1);
-    // Before the threads, which give up their rights: what is locked stays locked.
+    // Before the threads give up their rights: locked memory stays locked.
     let mut own_remarks: Vec<String> = Vec::new();
     if realtime.lock_memory
         && let Err(note) = lock_memory()
@@ -223,8 +223,8 @@ pub fn run_bridge<H: Hardware>(
     })
 }
 
-/// Gives the calling thread its priority, then takes its rights. Returns what the system does not grant, and
-/// what it does not let go.
+/// Gives the calling thread its priority, then removes its rights. Returns the permissions that the system
+/// does not grant, and the rights that it cannot remove.
 fn enter_role(priority: u8, role: ThreadRole, folders: &[PathBuf]) -> std::io::Result<Vec<String>> {
     let mut remarks = Vec::new();
     if let Err(note) = raise_priority(priority) {

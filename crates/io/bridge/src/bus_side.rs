@@ -41,14 +41,14 @@ pub(crate) struct BusSide<'a, H> {
     pub(crate) feedback: &'a mut Consumer<Feedback>,
     pub(crate) inputs: &'a mut Consumer<MachineInputs>,
     pub(crate) spindles: &'a mut Consumer<SpindleFeedback>,
-    /// Folders of the bus to which this thread has kept its rights, with what tells each from one that is
-    /// made in its place.
+    /// Folders of the bus that this thread may still access, each with data that distinguish it from a later
+    /// folder of the same name.
     pub(crate) folders: Vec<(PathBuf, String)>,
     pub(crate) connections: u32,
 }
 
 impl<H: Hardware> BusSide<'_, H> {
-    /// Passes messages on until the bridge stops; returns how often a core was found.
+    /// Passes messages on until the bridge stops. Returns the number of times that a core was found.
     pub(crate) fn serve(
         &mut self,
         notices: &mut Consumer<H::Notice>,
@@ -121,7 +121,7 @@ impl<H: Hardware> BusSide<'_, H> {
         Ok(self.connections)
     }
 
-    /// Setpoints to the cycle, feedback to the bus; returns whether the connection is broken.
+    /// Passes setpoints to the cycle and feedback to the bus. Returns whether the connection is broken.
     fn pass_on(&mut self, ports: &mut Ports, heard_ns: &mut u64) -> bool {
         loop {
             let incoming = match ports.setpoints.receive() {
@@ -180,7 +180,7 @@ impl<H: Hardware> BusSide<'_, H> {
         Ok((ports, letters, period_ns))
     }
 
-    /// A folder that is new is out of this thread's reach.
+    /// Checks the folders: this thread cannot access a new one.
     fn check_folders(&self) -> Result<(), BridgeError> {
         let found = bus_folders(self.settings.prefix).unwrap_or_default();
         match found.iter().find(|folder| !self.folders.contains(folder)) {

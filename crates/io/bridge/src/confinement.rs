@@ -1,4 +1,5 @@
-//! What a thread of a bridge gives up once its sockets are open: capabilities, files, and system calls.
+//! Rights that a thread of a bridge gives up once its sockets are open: capabilities, files, and system
+//! calls.
 //!
 //! Reasons are in ADR 61.
 
@@ -17,38 +18,37 @@ use seccompiler::{
 
 use crate::privileges::drop_capabilities;
 
-/// The newest version of landlock whose rights are asked for; kernels that have less of it enforce what they
-/// have.
+/// The newest version of landlock whose rights are used; older kernels enforce the rights that they support.
 const LANDLOCK: ABI = ABI::V6;
 
-/// What a thread still has to do.
+/// The task of a thread, which decides the rights that it keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ThreadRole {
     /// Opens and serves ports of the bus.
     Bus,
     /// The cycle of the hardware, on sockets that are open.
     Session {
-        /// It opens UDP sockets itself, at the beginning of each session.
+        /// Whether it opens UDP sockets itself, at the beginning of each session.
         opens_udp: bool,
     },
     /// Writes to files that are open.
     Writer,
 }
 
-/// For a thread of a bridge that writes to files that are open, and does nothing else: gives up all other
-/// rights. Returns what this kernel does not let it give up.
+/// Gives up all rights of a bridge's thread except writing to open files. Returns the rights that this kernel
+/// cannot remove.
 ///
 /// # Errors
-/// Capabilities stay.
+/// Capabilities cannot be dropped.
 pub fn confine_writer() -> io::Result<Vec<String>> {
     confine(ThreadRole::Writer, &[])
 }
 
 /// Gives up every capability of the calling thread, every file outside of `folders`, and every system call
-/// that its role does not need. Returns what this kernel does not let it give up.
+/// that its role does not need. Returns the rights that this kernel cannot remove.
 ///
 /// # Errors
-/// Capabilities stay.
+/// Capabilities cannot be dropped.
 pub(crate) fn confine(role: ThreadRole, folders: &[PathBuf]) -> io::Result<Vec<String>> {
     drop_capabilities()?;
     let mut gaps = Vec::new();
@@ -76,7 +76,8 @@ fn restrict_files(
     });
     let mut scope = BitFlags::from(Scope::AbstractUnixSocket);
     if role != ThreadRole::Bus {
-        // The bus asks by signal 0 whether processes live; one that may not be asked would be taken for dead.
+        // The bus checks with signal 0 whether processes are alive; a blocked signal would look like a dead
+        // process.
         scope |= Scope::Signal;
     }
     let mut rules = Ruleset::default()
@@ -93,7 +94,7 @@ fn restrict_files(
     Ok(rules.restrict_self()?.ruleset)
 }
 
-/// Of every role: memory, locks, time, descriptors that are open, and the thread's end.
+/// System calls of every role: memory, locks, time, open descriptors, and the end of the thread.
 const COMMON: &[i64] = &[
     libc::SYS_brk,
     libc::SYS_clock_gettime,
@@ -126,7 +127,7 @@ const COMMON: &[i64] = &[
     libc::SYS_poll,
 ];
 
-/// Of sockets that are open.
+/// System calls of open sockets.
 const SOCKETS: &[i64] = &[
     libc::SYS_recvfrom,
     libc::SYS_recvmsg,
@@ -134,7 +135,7 @@ const SOCKETS: &[i64] = &[
     libc::SYS_sendto,
 ];
 
-/// Of sockets that are opened.
+/// System calls to open sockets.
 const NEW_SOCKETS: &[i64] = &[
     libc::SYS_bind,
     libc::SYS_connect,
@@ -144,7 +145,7 @@ const NEW_SOCKETS: &[i64] = &[
     libc::SYS_setsockopt,
 ];
 
-/// Of ports of the bus: files of one folder, shared memory, locks of files.
+/// System calls of ports of the bus: files of one folder, shared memory, file locks.
 const BUS: &[i64] = &[
     libc::SYS_dup,
     libc::SYS_faccessat,
@@ -209,7 +210,7 @@ const BUS: &[i64] = &[
     libc::SYS_unlink,
 ];
 
-/// An argument has a value in the bits of a mask.
+/// A condition: an argument has a value in the bits of a mask.
 fn argument(number: u8, mask: u32, value: u32) -> Result<SeccompCondition, seccompiler::Error> {
     let condition = SeccompCondition::new(
         number,
@@ -220,9 +221,9 @@ fn argument(number: u8, mask: u32, value: u32) -> Result<SeccompCondition, secco
     Ok(condition?)
 }
 
-/// A filter that lets the calls of a role through and answers EPERM to all others.
+/// A filter that permits the calls of a role and returns EPERM for all others.
 fn filter(role: ThreadRole) -> Result<BpfProgram, seccompiler::Error> {
-    // Flags beside the type of a socket.
+    // Mask of a socket's type, without its flags.
     const KIND: u32 = 0xF;
     let mut rules: BTreeMap<i64, Vec<SeccompRule>> = BTreeMap::new();
     let mut free = |calls: &[i64]| rules.extend(calls.iter().map(|call| (*call, Vec::new())));
@@ -241,7 +242,7 @@ fn filter(role: ThreadRole) -> Result<BpfProgram, seccompiler::Error> {
         }
         ThreadRole::Writer => free(&[libc::SYS_fsync, libc::SYS_ftruncate]),
     }
-    // No new code.
+    // No new executable memory.
     for call in [libc::SYS_mmap, libc::SYS_mprotect] {
         let no_code = SeccompRule::new(vec![argument(2, libc::PROT_EXEC as u32, 0)?])?;
         rules.insert(call, vec![no_code]);
@@ -260,7 +261,7 @@ fn filter(role: ThreadRole) -> Result<BpfProgram, seccompiler::Error> {
                 socket(libc::AF_UNIX, libc::SOCK_STREAM)?,
             ];
             rules.insert(libc::SYS_socket, ours);
-            // Whether a process lives.
+            // Signal 0, to check whether a process is alive.
             rules.insert(
                 libc::SYS_kill,
                 vec![SeccompRule::new(vec![argument(1, u32::MAX, 0)?])?],

@@ -1,4 +1,4 @@
-//! The cycle's ends of the queues.
+//! The cycle's ends of the queues to the bus thread.
 
 use core::sync::atomic::{AtomicBool, AtomicU64};
 

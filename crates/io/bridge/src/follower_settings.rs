@@ -4,8 +4,8 @@ use evolvent_drive::{FollowerSettings, bridge_cycles};
 use evolvent_machine::Machine;
 use evolvent_path::{AXES, AxisMask};
 
-/// Maximum distance of a setpoint from the axis at which following starts, mm or degrees; less where the
-/// machine permits a smaller following error only. The follower lets it decay within the limits of the axes.
+/// Maximum distance of a setpoint from the axis at which following starts, mm or degrees; less if the machine
+/// permits only a smaller following error. The follower lets it decay within the limits of the axes.
 const SYNC_TOLERANCE: f64 = 0.5;
 
 /// Settings of a follower for `axes` with the limits of the machine file.

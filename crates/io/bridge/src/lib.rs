@@ -54,9 +54,9 @@
 //! # }
 //! ```
 //!
-//! The bus thread finds the core, outlives it and finds the next one. The session's thread has real-time
-//! priority. Both give up their capabilities, files and system calls that they do not need, so sockets that
-//! need rights are opened before.
+//! The bus thread finds the core, keeps running when the core ends, and connects to the next one. The
+//! session's thread has real-time priority. Both threads give up the capabilities, files and system calls
+//! that they do not need, so sockets that need rights are opened before.
 
 mod bridge;
 mod bus_side;

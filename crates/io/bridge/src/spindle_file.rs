@@ -1,4 +1,4 @@
-//! What the files of bridges say of every spindle that is measured.
+//! Settings of measured spindles, common to the files of bridges.
 
 use evolvent_config::{ConfigDocument, ConfigError};
 use evolvent_drive::{OrientationSettings, SpindleIndex};
@@ -19,7 +19,7 @@ pub enum SpindleIndexFile {
 }
 
 impl SpindleIndexFile {
-    /// For the encoder.
+    /// The index setting of the encoder.
     #[must_use]
     pub const fn index(self) -> SpindleIndex {
         match self {

@@ -1,5 +1,5 @@
-//! What the threads of a bridge can still do once it runs: tried by the threads themselves, and read from the
-//! kernel by another.
+//! Rights of a running bridge's threads: tried by the threads themselves, and read from the kernel by
+//! another.
 
 #![expect(clippy::expect_used, reason = "a test")]
 
@@ -39,7 +39,7 @@ fn map_code() -> bool {
     page != libc::MAP_FAILED
 }
 
-/// What the calling thread can do, by name; `door` is a socket that listens.
+/// What the calling thread can do, by name; `door` is the address of a listening socket.
 fn deeds(door: std::net::SocketAddr) -> Vec<(&'static str, bool)> {
     let process = std::process::id() as i32;
     // SAFETY: a signal that does nothing by default, to this process.
@@ -74,7 +74,7 @@ fn deeds(door: std::net::SocketAddr) -> Vec<(&'static str, bool)> {
     ]
 }
 
-/// Fields of a thread's status, as the kernel tells them.
+/// Fields of a thread's status, as reported by the kernel.
 fn status(thread: i32) -> Vec<(String, String)> {
     let text = std::fs::read_to_string(format!("/proc/self/task/{thread}/status")).unwrap_or_default();
     let fields = text.lines().filter_map(|line| line.split_once(':'));
@@ -165,7 +165,7 @@ fn try_everything<const UDP: bool>(prefix: &str) -> (Vec<Seen>, Vec<String>) {
 
 #[test]
 fn threads_of_a_bridge_can_do_nothing_but_their_work() {
-    // What this test can do itself; a sandbox around it may forbid more, which then shows nothing.
+    // Rights of this test itself; a sandbox may forbid more, and then the test proves nothing.
     let listener = TcpListener::bind("127.0.0.1:0").expect("a socket");
     let free = deeds(listener.local_addr().expect("its address"));
     assert!(free.iter().any(|(what, done)| *what == "read a file" && *done));
@@ -194,11 +194,11 @@ fn threads_of_a_bridge_can_do_nothing_but_their_work() {
     }
 }
 
-/// A folder that is made in the place of the one that the bridge may use is out of its reach: it says so and
-/// ends, and does not wait for ever for a core that it cannot see.
+/// A bridge cannot access a folder that replaces the one it may use: it reports this and ends, and does not
+/// wait without end for a core that it cannot see.
 #[test]
 fn a_folder_that_is_made_again_ends_the_bridge() {
-    // Another process: the variable is of the whole process.
+    // In another process, because the variable applies to the whole process.
     if std::env::var_os("EVOLVENT_CONFINED_CHILD").is_none() {
         let folder = tempfile::tempdir().expect("a folder");
         let output = Command::new(std::env::current_exe().expect("this test"))
@@ -242,7 +242,7 @@ fn a_folder_that_is_made_again_ends_the_bridge() {
         while !folder.exists() {
             std::thread::sleep(Duration::from_millis(1));
         }
-        // It looks for its core by now.
+        // By now it is looking for its core.
         std::thread::sleep(Duration::from_millis(200));
         std::fs::rename(&folder, folder.with_extension("old")).expect("to move it");
         std::fs::DirBuilder::new()

@@ -43,14 +43,14 @@ fn this_thread() -> i32 {
     unsafe { libc::gettid() }
 }
 
-/// What was seen of a bridge: the scheduling of its threads, locked memory, and what it told.
+/// Observations of a bridge: scheduling of its threads, locked memory, and its messages.
 struct Seen {
     threads: Vec<(&'static str, (String, String))>,
     locked_kib: u64,
     told: Vec<String>,
 }
 
-/// Runs a bridge beside a core, with `prepare` at the beginning of its thread.
+/// Runs a bridge with a core, and `prepare` at the beginning of its thread.
 fn run_one(machine: &Machine, name: &str, prepare: fn()) -> Seen {
     let prefix = format!("rtbr_{name}{}_", std::process::id());
     let mut config = BusConfig::new("real-time", "XYZ", 1_000_000);
@@ -106,7 +106,7 @@ fn run_one(machine: &Machine, name: &str, prepare: fn()) -> Seen {
     }
 }
 
-/// Drops what permits real time, in the calling thread and those that it starts.
+/// Drops the rights to real-time scheduling, in the calling thread and those that it starts.
 fn drop_rights() {
     let mut sets = capabilities(None).expect("the sets of this thread");
     let real_time = CapabilitySet::SYS_NICE | CapabilitySet::IPC_LOCK | CapabilitySet::SYS_RESOURCE;
@@ -140,8 +140,8 @@ fn set_limit(resource: Resource, bytes: Option<u64>) {
     setrlimit(resource, limit).expect("a limit that this user may set");
 }
 
-/// Runs a test in a process of its own, because limits and locked memory are of the whole process. Returns
-/// what it said; none in that process.
+/// Runs a test in a separate process, because limits and locked memory apply to the whole process. Returns
+/// its output; `None` in that process.
 fn in_a_process(test: &str) -> Option<String> {
     if std::env::var_os("EVOLVENT_REAL_TIME_CHILD").is_some() {
         return None;

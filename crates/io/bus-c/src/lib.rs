@@ -32,7 +32,7 @@ use evolvent_bus::{
 pub struct EvolventBridge {
     setpoints: SetpointReader,
     feedback: FeedbackSender,
-    /// Opened with their first use: a bridge without signals takes no place of theirs.
+    /// Opened at first use: a bridge without signals takes no connection for them.
     outputs: Option<OutputReader>,
     inputs: Option<InputSender>,
     period_ns: u64,
@@ -48,7 +48,7 @@ impl EvolventBridge {
     }
 }
 
-/// Something came.
+/// A message was received.
 const SOME: c_int = 1;
 /// No message, or success.
 const NONE: c_int = 0;
@@ -187,7 +187,7 @@ pub unsafe extern "C" fn evolvent_bridge_send(
 /// Takes the oldest change of the machine's outputs not taken yet. See the header.
 ///
 /// # Safety
-/// `bridge` is open; `outputs` has room for them.
+/// `bridge` is open; `outputs` has space for them.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn evolvent_bridge_receive_outputs(
     bridge: *mut EvolventBridge,
@@ -208,7 +208,7 @@ pub unsafe extern "C" fn evolvent_bridge_receive_outputs(
     }
     match bridge.outputs.as_mut().map(OutputReader::receive) {
         Some(Ok(Some(found))) => {
-            // SAFETY: not null, and the caller gives room for them; the layout is that of the header.
+            // SAFETY: not null, and the caller provides space for them; the layout is that of the header.
             unsafe { outputs.write_unaligned(found) };
             SOME
         }
@@ -248,7 +248,7 @@ pub unsafe extern "C" fn evolvent_bridge_send_inputs(
     }
     // SAFETY: not null, and the caller gives inputs; every bit pattern is a value of them.
     let mut message = unsafe { inputs.read_unaligned() };
-    // The head is this library's affair.
+    // This library sets the header of the message.
     let head = MachineInputs::default();
     (message.interface_version, message.struct_size) = (head.interface_version, head.struct_size);
     match bridge.inputs.as_mut().map(|sender| sender.send(&message)) {

@@ -1,4 +1,4 @@
-//! Writes `tools/include/evolvent_bus.h` and `tools/python/evolvent_bus.py` anew from the Rust structs.
+//! Writes `tools/include/evolvent_bus.h` and `tools/python/evolvent_bus.py` from the Rust structs.
 
 use std::path::Path;
 

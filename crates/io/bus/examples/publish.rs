@@ -48,7 +48,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     core.notify(EventKind::Done)?;
-    // Samples live in the publisher's memory: leave readers the time to take the last ones.
+    // Samples live in the publisher's memory: give readers time to take the last ones.
     std::thread::sleep(Duration::from_secs(1));
     Ok(())
 }

@@ -190,8 +190,8 @@ impl ClientBus {
         Ok(LoadSender { publisher })
     }
 
-    /// Subscribes to the values of sensors, starting with the next; the core's own watch does not see this
-    /// reader.
+    /// Subscribes to the values of sensors, starting with the next; the core's own monitoring does not see
+    /// this reader.
     ///
     /// # Errors
     /// The service does not exist, or all connections are taken.
@@ -376,18 +376,18 @@ impl FeedbackReader {
     }
 }
 
-/// The values of all sensors, in the order in which they came.
+/// The values of all sensors, in the order of arrival.
 #[derive(Debug)]
 pub struct LoadReader {
     subscriber: Subscriber<Ipc, Load, ()>,
 }
 
 impl LoadReader {
-    /// The oldest value not read yet; none if there is none. Does not wait. Whether it is valid is the
-    /// reader's to see.
+    /// The oldest value not read yet; none if there is none. Does not wait. The reader must check whether it
+    /// is valid.
     ///
     /// # Errors
-    /// The connection is damaged, or a sensor speaks another version.
+    /// The connection is damaged, or a sensor uses another version.
     pub fn receive(&mut self) -> Result<Option<Load>, ReceiveError> {
         receive(&self.subscriber, Channel::Load)
     }

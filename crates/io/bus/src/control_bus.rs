@@ -107,7 +107,7 @@ impl ControlServer {
         use iceoryx2::port::ReceiveError as Cause;
         let request = match self.server.receive() {
             Ok(request) => request,
-            // Those that wait are all of clients with four that have no answer yet.
+            // All waiting requests are of clients with four unanswered ones.
             Err(Cause::ExceedsMaxBorrows) => None,
             Err(Cause::ConnectionFailure(_)) => {
                 return Err(ReceiveError::Broken {

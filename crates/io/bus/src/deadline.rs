@@ -1,4 +1,4 @@
-//! How long something may be waited for.
+//! Time limits of waits.
 
 use core::time::Duration;
 use std::time::Instant;

@@ -240,9 +240,9 @@ pub fn bus_folders(prefix: Option<&str>) -> Result<Vec<(PathBuf, String)>, BusEr
         .collect())
 }
 
-/// Folders that a client of this user's bus writes to, for a process that gives up all others afterwards; the
-/// one that a core takes first is made where it is missing. What iceoryx2 reads elsewhere, its configuration,
-/// is read now.
+/// Folders that a client of this user's bus writes to, for a process that gives up all others afterwards.
+/// Creates the folder that a core uses first if it is missing. Reads iceoryx2's configuration, which is in
+/// another folder, now.
 ///
 /// # Errors
 /// The folder belongs to another user, or the prefix is invalid.
@@ -250,7 +250,7 @@ pub fn writable_folders(prefix: Option<&str>) -> Result<Vec<PathBuf>, BusError> 
     let first = BusFolder::of_core(prefix)?;
     crate::domain::configuration(&first)?;
     let folders = BusFolder::existing(prefix)?.into_iter().map(|folder| folder.path);
-    // Segments of shared memory are there, whatever the folder.
+    // Segments of shared memory are there for every folder.
     Ok(folders.chain([PathBuf::from(SHARED_MEMORY)]).collect())
 }
 

@@ -1,4 +1,4 @@
-//! Messages in and out of iceoryx2's ports: checks of version and size, names of errors.
+//! Sending and receiving on iceoryx2's ports: checks of version and size, names of errors.
 
 use crate::domain::Ipc;
 use crate::error::{ReceiveError, SendError};

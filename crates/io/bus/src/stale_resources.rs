@@ -62,8 +62,8 @@ const LOOK_EVERY: Duration = Duration::from_millis(10);
 /// one forever, so this comes before any other call.
 ///
 /// A live creator is in that state for milliseconds, in which it fills the segment; one that is still
-/// incomplete after a second is left over. If it were removed while its creator lives, that process would go
-/// on, and nobody could reach it.
+/// incomplete after a second is left over. If it were removed while its creator is alive, that process would
+/// continue, and no other could reach it.
 pub(crate) fn clear_unborn_segments(config: &Config) {
     clear_unborn_in(StdPath::new("/dev/shm"), &config.global.prefix.to_string());
 }
@@ -85,7 +85,7 @@ fn clear_unborn_in(folder: &StdPath, prefix: &str) {
             return;
         }
         std::thread::sleep(LOOK_EVERY);
-        // A file of that name that was made meanwhile is another.
+        // A file of that name that was created meanwhile is a different one.
         unborn.retain(|(file, number)| number_of_unborn(file) == Some(*number));
     }
     for (file, _) in unborn {

@@ -1,4 +1,4 @@
-//! What core and clients may rely on, with two sides in one process.
+//! Guarantees for core and clients, with both sides in one process.
 
 mod common;
 
@@ -123,7 +123,7 @@ fn texts_and_alarms_that_do_not_fit_are_cut_and_counted() {
         status.push_alarm(number);
     }
     assert_eq!((status.alarm_count, status.listed_alarms().len()), (20, 16));
-    // From outside anything may come.
+    // Foreign senders may send anything.
     let broken = Status {
         program_length: u32::MAX,
         program: [0xff; 128],
@@ -259,7 +259,7 @@ fn a_second_core_of_a_name_is_refused_with_the_first_ones_process() {
         pid,
     };
     assert_eq!(CoreBus::open(&domain.core("mill")).err(), Some(refused.clone()));
-    // Also where it would not fit the services that are there.
+    // Also if its settings would not match the existing services.
     let other = BusConfig {
         period_ns: 500_000,
         ..domain.core("mill")
@@ -416,7 +416,7 @@ fn senseless_settings_are_named_before_anything_is_opened() {
     for period_ns in [0, 999, 1_000_000_001, u64::MAX] {
         let config = BusConfig { period_ns, ..core() };
         assert_eq!(CoreBus::open(&config).err(), Some(BusError::Period { period_ns }));
-        // The usual settings must stand whatever the period.
+        // The default settings must be valid for every period.
         assert!((256..=16_384).contains(&BusConfig::new("mill", "XYZ", period_ns).setpoint_buffer));
     }
     for axes in ["", "XX", "xyz", "XYQ", "X Y"] {
@@ -508,7 +508,7 @@ fn a_flood_of_commands_that_nobody_waits_for_neither_blocks_the_core_nor_the_oth
         let mut flood = ControlClient::open(&client_config).expect("a flood");
         let mut polite = ControlClient::open(&client_config).expect("a polite one");
         for _ in 0..2_000 {
-            // Too fast for the core: what is not answered at once is given up.
+            // Too fast for the core: commands without an immediate answer are abandoned.
             let _unanswered = flood.command(&ControlRequest::default(), Duration::ZERO);
         }
         polite
@@ -546,7 +546,7 @@ fn texts_of_commands_keep_to_their_room() {
     assert_eq!(answer.text().len(), evolvent_bus::ANSWER_TEXT_BYTES);
 }
 
-/// Whoever clears a domain away waits for what is ending in it.
+/// The removal of a domain waits for processes that are ending in it.
 #[test]
 fn a_domain_is_cleared_away_once_its_last_process_has_ended() {
     let domain = PrivateDomain::new();

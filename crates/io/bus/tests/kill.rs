@@ -1,4 +1,4 @@
-//! Cores that are killed at any moment, and what is left of them.
+//! Cores that are killed at any moment, and their remaining resources.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 mod common;
@@ -50,8 +50,8 @@ fn start(prefix: &str) -> Child {
         .expect("a child")
 }
 
-/// Waits for a setpoint of a child. Its process number is in each, so that they cannot be taken for those of
-/// an earlier core.
+/// Waits for a setpoint of a child. Each setpoint has its process number, which distinguishes it from those
+/// of an earlier core.
 fn hear(setpoints: &mut SetpointReader, child: &Child) {
     let begin = Instant::now();
     loop {
@@ -63,8 +63,8 @@ fn hear(setpoints: &mut SetpointReader, child: &Child) {
     }
 }
 
-/// A child that has opened all of its bus. Its services are there before its publishers, and clients find the
-/// services.
+/// Starts a child and waits until it has opened its whole bus. Its services exist before its publishers, and
+/// clients find the services.
 fn start_to_publish(domain: &PrivateDomain) -> Child {
     let child = start(&domain.prefix);
     let client = domain.client("mill");
@@ -99,7 +99,7 @@ fn a_core_killed_at_any_moment_starts_again() {
     println!("slowest restart {slowest:?}");
 }
 
-/// A process can die between any two of the files that tell whether it lives.
+/// A process can die between the creation of any two of the files that show whether it is alive.
 #[test]
 fn nodes_whose_monitor_is_not_whole_are_cleared_away_with_their_domain() {
     let parts = [
@@ -137,8 +137,8 @@ fn nodes_whose_monitor_is_not_whole_are_cleared_away_with_their_domain() {
         }
     }
     kill(child);
-    // Another domain that ends shares the folder of nodes and must not take what it could not clear away
-    // whole.
+    // Another domain that ends shares the folder of nodes and must not remove resources that it could not
+    // remove completely.
     let empty = std::fs::read_dir(folder.parent().expect("the nodes"))
         .expect("a list")
         .flatten()
@@ -153,7 +153,7 @@ fn nodes_whose_monitor_is_not_whole_are_cleared_away_with_their_domain() {
     for node in &empty {
         assert!(node.exists(), "{} was another domain's", node.display());
     }
-    // Somebody who removed the folder alone has left a monitor that nobody looks for.
+    // Removing the folder alone leaves a monitor that nothing searches for.
     std::fs::remove_dir(&empty[0]).expect("removed");
     // The end of the domain asserts that nothing is left of any.
     drop(domain);

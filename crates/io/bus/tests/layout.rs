@@ -38,7 +38,7 @@ fn the_shipped_header_and_module_are_the_generated_ones() {
     }
 }
 
-/// Layout is a contract: who changes a number here raises the interface version.
+/// Layout is a contract: a change of a number here requires a new interface version.
 #[test]
 fn sizes_of_version_1_stay_as_they_are() {
     assert_eq!(evolvent_bus::INTERFACE_VERSION, 1);
@@ -59,7 +59,7 @@ fn sizes_of_version_1_stay_as_they_are() {
     );
 }
 
-/// Sums up sizes as C's rules for alignment have it, without asking the Rust compiler.
+/// Sums up sizes by C's alignment rules, independent of the Rust compiler.
 #[test]
 fn fields_lie_where_natural_alignment_puts_them() {
     for layout in LAYOUTS {

@@ -1,5 +1,5 @@
-//! Whose the bus is: other users, files that were taken or cut off, few descriptors, and places for those who
-//! must get in.
+//! Ownership of the bus: other users, files that were taken or truncated, few descriptors, and reserved
+//! connections.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -30,7 +30,7 @@ fn is_root() -> bool {
     mine.uid() == 0
 }
 
-/// The counter of nodes: the segment that iceoryx2 makes for everybody.
+/// The counter of nodes: the segment that iceoryx2 creates for all users.
 fn counters(domain: &PrivateDomain) -> Vec<PathBuf> {
     let is_counter = |file: &PathBuf| file.to_string_lossy().ends_with(".global_mgmt");
     domain.files().into_iter().filter(is_counter).collect()
@@ -40,7 +40,7 @@ fn mode(file: &Path) -> u32 {
     file.metadata().expect("a file").permissions().mode() & 0o777
 }
 
-/// What must come to an end in time, on a thread of its own: nothing else ends it where it does not.
+/// Runs something that must end in time on a separate thread, because nothing else could end it.
 fn within<T: Send + 'static>(limit: Duration, what: impl FnOnce() -> T + Send + 'static) -> T {
     let (sender, result) = std::sync::mpsc::channel();
     std::thread::spawn(move || sender.send(what()));
@@ -70,7 +70,7 @@ fn no_file_of_the_bus_has_rights_for_other_users() {
     drop(core);
 }
 
-/// The name of the counter before it is there.
+/// The name of the counter before it exists.
 fn counter_to_be(domain: &PrivateDomain) -> PathBuf {
     drop(CoreBus::open(&domain.core("mill")).expect("a core"));
     let counter = counters(domain).remove(0);
@@ -108,7 +108,7 @@ fn what_another_user_has_put_there_is_named_with_its_owner_at_once() {
     }
     let domain = PrivateDomain::new();
     let counter = counter_to_be(&domain);
-    // One without a size is cleared away by root, whom this test needs; others cannot, and get this error.
+    // Root, which this test needs, removes a counter without a size; other users cannot, and get this error.
     {
         std::fs::write(&counter, [0; 16]).expect("a file");
         std::fs::set_permissions(&counter, std::fs::Permissions::from_mode(0o666)).expect("rights");
@@ -150,7 +150,7 @@ fn child_opens_the_bus_and_says_what_became_of_it() {
     );
 }
 
-/// What a core in another process says, started by this shell command.
+/// Output of a core in another process, started by this shell command.
 fn child(domain: &PrivateDomain, shell: &str) -> String {
     let output = Command::new("sh")
         .arg("-c")
@@ -207,7 +207,7 @@ fn a_folder_of_another_user_is_refused_with_its_owner_and_the_cure() {
     std::fs::set_permissions(&folder, std::fs::Permissions::from_mode(0o777)).expect("rights");
     let told = child(&domain, &export);
     assert!(told.contains("mode 777") && told.contains("chmod 700"), "{told}");
-    // That folder's counter, which nobody else knows of.
+    // The counter of that folder, which no other process uses.
     for counter in counters(&domain) {
         std::fs::remove_file(counter).expect("removed");
     }

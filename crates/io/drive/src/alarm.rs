@@ -287,7 +287,8 @@ impl DriveAlarm {
     }
 }
 
-/// What a field comes from: a position far away may be that of an encoder whose zero is elsewhere.
+/// The source of a field, for the alarm's text: an implausible position may come from an encoder with another
+/// zero.
 fn source_of(field: &str) -> &'static str {
     match field {
         "position" => "encoder, `zero` of the axis in the bridge's file,",

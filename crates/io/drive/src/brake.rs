@@ -11,12 +11,12 @@ pub struct BrakeState {
     pub acceleration: f64,
 }
 
-/// The fastest way to rest: at most three pieces of constant jerk.
+/// The fastest stop: at most three pieces of constant jerk.
 ///
 /// In the direction of the braking the acceleration rises with full jerk to its peak, stays there if that is
 /// the limit, and falls to zero as the velocity does. An acceleration at the start that is beyond the limit,
-/// or that leads beyond rest by itself, is brought back with full jerk; the velocity then overshoots zero as
-/// little as can be.
+/// or that leads beyond rest by itself, is brought back with full jerk; the velocity then overshoots zero by
+/// the minimum possible.
 ///
 /// ```
 /// use evolvent_drive::{Brake, BrakeState};
@@ -40,8 +40,8 @@ pub struct Brake {
 }
 
 impl Brake {
-    /// From a state to rest. Limits are positive and finite; with an invalid limit or state the brake stands
-    /// still at the start, at once.
+    /// Brakes from a state to rest. Limits are positive and finite; with an invalid limit or state the brake
+    /// is at rest at the start, with duration 0.
     #[must_use]
     pub fn new(start: BrakeState, max_acceleration: f64, max_jerk: f64) -> Self {
         let usable = |limit: f64| limit.is_finite() && limit > 0.0;
@@ -86,7 +86,7 @@ impl Brake {
         }
     }
 
-    /// Adds to the coordinates of the axis.
+    /// Adds `shift` to the coordinates of the axis.
     pub(crate) fn rename(&mut self, shift: f64) {
         self.start.position += shift;
     }

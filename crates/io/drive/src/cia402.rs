@@ -1,4 +1,4 @@
-//! The bridge's side of CiA 402: which control word brings a drive where the core wants it.
+//! The bridge's side of CiA 402: the control words that bring a drive to the state that the core requests.
 
 use crate::power::PowerRequest;
 use crate::status_word::DriveState;
@@ -22,16 +22,16 @@ pub mod control {
     pub const FAULT_RESET: u16 = 0x80;
 }
 
-/// So long a drive may brake by itself while no power is requested, s: then the voltage is removed however
-/// fast it is. Twice what an axis takes from 500 mm/s with the 500 mm/s2 of a large machine.
+/// Maximum time for which a drive may brake by itself while no power is requested, s. Then the voltage is
+/// removed at any speed. Twice the braking time of a large machine, from 500 mm/s at 500 mm/s2.
 const MAX_BRAKING_S: f64 = 2.0;
 
-/// What a bridge knows of a drive that may be braking by itself, for one period.
+/// State of a drive that may be braking by itself, in one period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Braking {
     /// The period, s.
     pub period_s: f64,
-    /// Whether the motor stands; none where its velocity is not known.
+    /// Whether the motor is at standstill; `None` if its velocity is not known.
     pub is_standing: Option<bool>,
 }
 
@@ -60,13 +60,13 @@ pub struct DriveOrder {
 ///   axis would coast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cia402 {
-    /// The counter of the core, as it was seen last; none before, and between two cores.
+    /// The last counter of the core; `None` before the first, and between two cores.
     counter: Option<u32>,
     resets_done: u32,
     reset_requested: bool,
     reset_edge: bool,
     locked_out: bool,
-    /// For how long it has been braking although no quick stop is requested, ns.
+    /// Time for which it has been braking without a request for a quick stop, ns.
     braking_ns: u64,
 }
 
@@ -98,7 +98,7 @@ impl Cia402 {
 
     /// One period: from the drive's status word and the core's request to the commands of the drive.
     ///
-    /// `fault_reset` is the core's counter, none without a core and in the first period of another one;
+    /// `fault_reset` is the core's counter, `None` without a core and in the first period of another one;
     /// `setpoint` and `actual` are in one unit; `braking` is needed while the drive brakes by itself. A
     /// status word that matches no state removes the voltage.
     pub fn step(
@@ -168,16 +168,16 @@ impl Cia402 {
         }
     }
 
-    /// One period of braking without a request for it. Returns whether it goes on.
+    /// Counts one period of braking without a request for it. Returns whether braking may continue.
     fn may_brake(&mut self, braking: Braking) -> bool {
-        // At least a nanosecond, so that a bridge that does not know its period does not brake for ever.
+        // At least a nanosecond, so that braking also ends with an unknown period.
         let period_ns = (braking.period_s * 1e9).max(1.0) as u64;
         self.braking_ns = self.braking_ns.saturating_add(period_ns);
         braking.is_standing != Some(true) && self.braking_ns as f64 <= MAX_BRAKING_S * 1e9
     }
 
-    /// Takes over the counter. Only its growth within one core is a request: that of a core that has begun
-    /// again may be anything.
+    /// Accepts the counter. Only its growth within one core is a request: a restarted core may begin with any
+    /// value.
     const fn take_counter(&mut self, fault_reset: Option<u32>) {
         match (self.counter, fault_reset) {
             (Some(before), Some(count)) if count == before => {}

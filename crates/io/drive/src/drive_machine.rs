@@ -78,7 +78,7 @@ impl DriveMachine {
         let no_quick_stop = control_word & 0x04 != 0;
         let switch_on = control_word & 0x01 != 0;
         let enable = control_word & 0x08 != 0;
-        // Shutdown: bits 1 and 2 without bit 0; the others as their names say.
+        // Shutdown: bits 1 and 2 without bit 0; the others by their names.
         let shutdown = voltage && no_quick_stop && !switch_on;
         let on = voltage && no_quick_stop && switch_on;
         let quick_stop = voltage && !no_quick_stop;

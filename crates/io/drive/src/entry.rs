@@ -89,7 +89,7 @@ impl FeedbackBounds {
         )?;
         let phase = feedback.phase_error_ns.unsigned_abs();
         within("phase_error_ns", None, phase as f64, MAX_PHASE_ERROR_NS as f64)?;
-        // Not a number is a pulse that has not come.
+        // NaN means that no pulse has been latched.
         if !feedback.index_position.is_nan() {
             let reach = self.axes.axes().map(|axis| self.reach[axis]).fold(0.0, f64::max);
             within("index_position", None, feedback.index_position, reach)?;

@@ -59,7 +59,7 @@ pub struct Target {
     /// The core's counter of fault resets; none without a core, and in the first period of each: only what it
     /// counts from there on is a request.
     pub fault_reset: Option<u32>,
-    /// The setpoint that came due last.
+    /// The last setpoint that was due.
     pub sequence: u64,
     /// The drives' time minus the due time of the nearest setpoint, ns.
     pub phase_error_ns: i64,
@@ -67,23 +67,21 @@ pub struct Target {
     pub datum: u64,
     /// If the datum has changed in this period: the amount to add to every position that the bridge keeps.
     pub datum_shift: Option<[f64; AXES]>,
-    /// How often the datum has changed by an amount that is unknown: the positions that the bridge keeps
-    /// count from another zero than the core's.
+    /// Number of changes of the datum by an unknown amount: after one, the bridge's positions have another
+    /// zero than the core's.
     pub datums_lost: u32,
-    /// Which index pulse is to be latched: the setpoint's `index_request` and `index_axis`.
+    /// The requested index pulse: the setpoint's `index_request` and `index_axis`.
     pub index: IndexRequest,
 }
 
 impl Target {
-    /// The `instance` of the feedback, from that of the session: another one after each change of datum by an
+    /// The `instance` of the feedback, from that of the session. It differs after each change of datum by an
     /// unknown amount, so that the core homes again.
     #[must_use]
     pub const fn instance(&self, of_session: u64) -> u64 {
-        // Sessions are numbered by their start in ns since the host started, which reaches the upper 16 bits
-        // after three days, or from
-        // 1. Each of 65536 losses of a session has another number all the same; that of another session is
-        //    equal only if both began
-        // a multiple of 2^48 ns apart, to the nanosecond.
+        // A session's number is its start in ns since the host started, which reaches the upper 16 bits after
+        // three days, or counts from 1. Each of 65536 losses of a session still has a different number. It
+        // equals that of another session only if both began a multiple of 2^48 ns apart, to the nanosecond.
         of_session ^ ((self.datums_lost as u64) << 48)
     }
 }
@@ -91,8 +89,8 @@ impl Target {
 /// Follows setpoints by their due times. If they are missing the last motion continues for a few periods,
 /// never longer; then every axis brakes within its limits and holds. From there following starts again only
 /// with a setpoint at the position of the axes: the core has to adapt to the machine, not the machine to the
-/// core. The small distance that is permitted between both ([`FollowerSettings::sync_tolerance`]) is added to
-/// the setpoints, and decays to zero within a twentieth of the limits of each axis.
+/// core. The small permitted distance between setpoint and axis ([`FollowerSettings::sync_tolerance`]) is
+/// added to the setpoints, and decays to zero within a twentieth of the limits of each axis.
 ///
 /// May be called by a real-time cycle; only [`Follower::new`] allocates.
 #[derive(Clone, Debug)]
@@ -107,7 +105,7 @@ pub struct Follower {
     brakes: [Brake; AXES],
     brake_since_ns: u64,
     stepped_ns: u64,
-    /// What is added to the setpoints since following began.
+    /// Offsets added to the setpoints since following began.
     offsets: StartOffsets,
     datum: u64,
     /// The core of the current setpoint has been followed. Until then it takes over the bridge's datum and
@@ -121,7 +119,7 @@ pub struct Follower {
 }
 
 impl Target {
-    /// What the core requested last, also while it is silent.
+    /// The last request of the core, also while it is silent.
     #[must_use]
     pub const fn requested_power(&self) -> PowerRequest {
         if self.is_silent {
@@ -133,7 +131,7 @@ impl Target {
 }
 
 impl Follower {
-    /// A follower that waits for its first setpoint.
+    /// Creates a follower that waits for its first setpoint.
     ///
     /// # Errors
     /// An invalid limit.
@@ -188,7 +186,7 @@ impl Follower {
     /// # Errors
     /// It cannot be used; it then counts as missing.
     pub fn offer(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Rejection> {
-        // Whatever else is wrong with it: it may request a quick stop.
+        // A request for a quick stop counts even if the setpoint is otherwise invalid.
         self.quick_stop = PowerRequest::from_number(setpoint.power_request) == PowerRequest::QuickStop;
         let result = self.accept(now_ns, setpoint);
         if let Err(refusal) = result {
@@ -220,7 +218,7 @@ impl Follower {
         }
         if let Some(tail) = self.queue.back().or(self.current.as_ref()).copied() {
             if point.sequence < tail.sequence {
-                // Another core. The orders of the previous one are void.
+                // Another core: the setpoints of the previous one are void.
                 self.note = Note::Restart;
                 self.queue.clear();
                 (self.current, self.is_tied, self.is_new_core) = (None, false, true);
@@ -254,7 +252,7 @@ impl Follower {
         let is_accepted = if point.datum == tail.datum {
             self.steps.accepts(&self.settings, tail, point)
         } else {
-            // A new coordinate for the position of the axes. After a jump it is not known of which.
+            // A new coordinate for the same position. After a jump that position is unknown.
             self.steps.is_clear() && self.is_renaming(tail, point)
         };
         if is_accepted { Ok(()) } else { Err(Rejection::Jump) }
@@ -280,10 +278,10 @@ impl Follower {
         self.queue = queue;
     }
 
-    /// One period of the drives at their time `now_ns`. `enabled` tells whether every drive follows its
-    /// target, `actual` the position of the axes.
+    /// One period of the drives at their time `now_ns`. `enabled`: whether every drive follows its target;
+    /// `actual`: the positions of the axes.
     pub fn step(&mut self, now_ns: u64, enabled: bool, actual: &[f64; AXES]) -> Target {
-        // Before a pause is noticed: the brakes start from the last target by the new coordinates.
+        // Before the check for a pause: the brakes start from the last target in the new coordinates.
         let datum_shift = self.come_due(now_ns);
         self.mind_pause(now_ns);
         let mut states = [BrakeState::default(); AXES];
@@ -291,7 +289,7 @@ impl Follower {
             if self.state != BridgeState::Waiting || self.current.is_some() {
                 self.state = BridgeState::Off;
             }
-            // Measured by the previous coordinates.
+            // Measured in the previous coordinates.
             let shift = datum_shift.unwrap_or_default();
             self.hold = std::array::from_fn(|axis| actual[axis] + shift[axis]);
         } else if matches!(self.state, BridgeState::Waiting | BridgeState::Off) {
@@ -342,7 +340,7 @@ impl Follower {
         }
     }
 
-    /// Makes setpoints whose time has come the current ones. Returns the shift of a changed datum.
+    /// Makes due setpoints the current ones. Returns the shift of a changed datum.
     fn come_due(&mut self, now_ns: u64) -> Option<[f64; AXES]> {
         let mut shift = None;
         while let Some(point) = self.queue.front().filter(|point| point.due_ns <= now_ns).copied() {
@@ -354,11 +352,11 @@ impl Follower {
         shift
     }
 
-    /// Takes over the datum of a setpoint that has come due, and adds the change of coordinates to `shift`.
-    /// Returns `false` if the setpoint cannot be followed.
+    /// Accepts the datum of a setpoint that is due, and adds the change of coordinates to `shift`. Returns
+    /// `false` if the setpoint cannot be followed.
     ///
-    /// A change of datum is a change of names only, so it does not matter whether the drives follow: they may
-    /// have lost power since it was ordered.
+    /// A change of datum changes coordinates only, so it does not matter whether the drives follow: they may
+    /// have lost power since the core assigned it.
     fn take_datum(&mut self, point: &Point, shift: &mut Option<[f64; AXES]>) -> bool {
         if let Some(last) = self.current.filter(|_| self.is_tied) {
             if self.is_renaming(&last, point) {
@@ -384,8 +382,8 @@ impl Follower {
     /// Whether the step from one setpoint to the next is a change of coordinates only, if their datums
     /// differ.
     ///
-    /// While they are followed, at most the bridged periods are missing in between. What an axis moves in
-    /// these from rest to rest is at most j t^3 / 32: 1.6 um in 10 ms with 50 m/s3. Otherwise a core may have
+    /// While they are followed, at most the bridged periods are missing in between. In that time an axis
+    /// moves from rest to rest by at most j t^3 / 32: 1.6 um in 10 ms with 50 m/s3. Otherwise a core may have
     /// followed axes that were moved by hand.
     fn is_renaming(&self, last: &Point, point: &Point) -> bool {
         let is_next = point.sequence == last.sequence + 1;
@@ -407,11 +405,11 @@ impl Follower {
         let _reached = self.follow(now_ns, states);
     }
 
-    /// The target positions now: those of the setpoints, and what is left of the distance at the start. False
-    /// if the setpoints have run out.
+    /// Computes the present target positions: those of the setpoints plus the remaining distance of the
+    /// start. Returns false if the setpoints have run out.
     fn follow(&mut self, now_ns: u64, states: &mut [BrakeState; AXES]) -> bool {
         let Some(last) = self.current else {
-            // The motion of the previous core is void, and only the last target of the axes is known.
+            // The motion of the previous core is void; only the last target of the axes is known.
             for axis in 0..AXES {
                 states[axis] = self.brakes[axis].at(0.0);
             }
@@ -433,8 +431,8 @@ impl Follower {
         is_reached
     }
 
-    /// The position of the setpoints now; false if they have run out, and then of when they did,
-    /// `brake_since_ns`.
+    /// Computes the present position of the setpoints. Returns false if they have run out; the position is
+    /// then that at `brake_since_ns`, when they did.
     fn interpolate(&mut self, now_ns: u64, last: &Point, states: &mut [BrakeState; AXES]) -> bool {
         let period_ns = self.settings.period_ns;
         let patience = u64::from(self.settings.bridge_cycles);
@@ -564,7 +562,7 @@ impl Follower {
             target.power = PowerRequest::On;
         }
         if matches!(self.state, BridgeState::Waiting | BridgeState::Off) && target.power == PowerRequest::On {
-            // Drives that come into operation, or find their zero, do so for a core that is there.
+            // Drives come into operation, and find their zero, only while a core is present.
             target.is_silent = self
                 .current
                 .is_some_and(|current| now_ns.saturating_sub(current.due_ns) > self.longest_ns());

@@ -8,15 +8,15 @@ use evolvent_wire::AXES;
 /// Number of periods for which motion continues without setpoints, at rates at which they last longer than
 /// [`SHORTEST_BRIDGED_NS`].
 const BRIDGED_CYCLES: u64 = 10;
-/// Minimum time for which motion continues without setpoints, ns: the default lead, by which a setpoint
-/// precedes its due time, and so the lateness of which a host is expected to be capable. In this time an axis
-/// leaves its path by at most a t^2 / 2, and 0.02 mm at 10 m/s2.
+/// Minimum time for which motion continues without setpoints, ns: the default lead between sending a setpoint
+/// and its due time, and so the lateness that is expected of a host. In this time an axis leaves its path by
+/// at most a t^2 / 2, which is 0.02 mm at 10 m/s2.
 const SHORTEST_BRIDGED_NS: u64 = 2_000_000;
 /// Maximum of [`FollowerSettings::bridge_cycles`].
 const MAX_BRIDGE_CYCLES: u32 = 100;
 
-/// For how many periods of `period_ns` motion continues without setpoints: ten, but at least 2 ms, and at
-/// most 100.
+/// Number of periods of `period_ns` for which motion continues without setpoints: ten, but at least 2 ms, and
+/// at most 100 periods.
 ///
 /// ```
 /// assert_eq!(evolvent_drive::bridge_cycles(1_000_000), 10);
@@ -38,11 +38,11 @@ pub struct FollowerSettings {
     pub bridge_cycles: u32,
     /// Bit i set: axis i is driven.
     pub axes: AxisMask,
-    /// Largest velocity of each axis.
+    /// Maximum velocity of each axis.
     pub max_velocity: [f64; AXES],
-    /// Largest acceleration.
+    /// Maximum acceleration.
     pub max_acceleration: [f64; AXES],
-    /// Largest jerk.
+    /// Maximum jerk.
     pub max_jerk: [f64; AXES],
     /// Maximum distance of a setpoint from the axis at which following starts. It decays to zero within a
     /// twentieth of the axis' limits, in addition to the motion of the setpoints: no target steps.

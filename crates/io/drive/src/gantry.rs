@@ -1,19 +1,19 @@
-//! Two motors of one axis: their beam is squared, and the limit of their difference is watched.
+//! Two motors of one axis: squares their beam, and monitors the limit of their difference.
 
 use core::fmt;
 
 use crate::power::PowerRequest;
 use crate::status_word::DriveState;
 
-/// A home switch that opens for a shorter time, s, has bounced: its edge is the first one.
+/// A home switch that opens for less than this time, s, has bounced: its first edge counts.
 const BOUNCE_S: f64 = 0.02;
-/// Slower than this, per second, an axis does not move towards a switch.
+/// Velocity below which an axis does not count as moving towards a switch, per second.
 const STANDING: f64 = 1e-6;
 
 /// The second motor of an axis. Lengths are mm or degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GantrySettings {
-    /// Its coordinate minus that of the first motor when the beam is square.
+    /// Coordinate of the second motor minus that of the first when the beam is square.
     pub squaring_offset: f64,
     /// Maximum additional difference.
     pub max_difference: f64,
@@ -24,12 +24,12 @@ pub struct GantrySettings {
 /// Why the motors of a gantry stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum GantryFault {
-    /// The second motor is so far from where it would be on a square beam, more than `max_difference`.
+    /// The second motor is more than `max_difference` away from its position on a square beam.
     Apart {
         /// Positive if it is ahead in the positive direction.
         difference: f64,
     },
-    /// The home switch of the other motor has closed, and this one's had not by `max_difference` later.
+    /// The home switch of the other motor has closed, and this one's had not closed after `max_difference`.
     SwitchMissing {
         /// 0 for the first motor, 1 for the second.
         side: usize,
@@ -73,9 +73,9 @@ pub struct GantryInputs {
     pub position: [f64; 2],
     /// The commanded velocity of the axis.
     pub velocity: f64,
-    /// Their home switches, where the beam is squared by them.
+    /// Their home switches, if the beam is squared by them.
     pub switches: Option<[bool; 2]>,
-    /// The difference of the distances they have moved, while their coordinates do not refer to one zero.
+    /// The difference of the distances that they have moved, while their coordinates have no common zero.
     pub strain: Option<f64>,
     /// Duration of the period, s.
     pub period_s: f64,
@@ -95,7 +95,7 @@ struct Edge {
 struct SideSwitch {
     was_closed: bool,
     edge: Option<Edge>,
-    /// For how long it has been open since that edge.
+    /// Time for which it has been open since that edge.
     open_s: f64,
 }
 
@@ -130,8 +130,7 @@ impl SideSwitch {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Found {
     edges: [f64; 2],
-    /// The coordinate of the axis in the period in which the second of them came: that of which the core
-    /// takes note.
+    /// The coordinate of the axis in the period of the second edge, which the core records.
     at: f64,
 }
 
@@ -142,8 +141,8 @@ struct Found {
 /// motor's target is the setpoint plus [`Gantry::offset`].
 ///
 /// When power comes on, the second motor moves at `square_velocity` until it is `squaring_offset` above the
-/// first. Home switches tell where each motor is: the edges of the approach after which the core assigns
-/// machine zero rename both motors ([`Gantry::rename`]), and both move to where their names say.
+/// first. Home switches locate each motor: after the approach from which the core assigns machine zero, the
+/// edges give both motors new coordinates ([`Gantry::rename`]), and both move to them.
 ///
 /// ```
 /// use evolvent_drive::{Gantry, GantryInputs, GantrySettings, PowerRequest};
@@ -173,8 +172,7 @@ struct Found {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gantry {
     settings: GantrySettings,
-    /// Distance of each motor from where it would be on a square beam at the setpoint, as far as it is
-    /// intended.
+    /// Intended distance of each motor from its position on a square beam at the setpoint.
     apart: [f64; 2],
     velocity: [f64; 2],
     is_following: bool,
@@ -186,7 +184,7 @@ pub struct Gantry {
 }
 
 impl Gantry {
-    /// A gantry without power.
+    /// Creates a gantry without power.
     #[must_use]
     pub const fn new(settings: GantrySettings) -> Self {
         const OPEN: SideSwitch = SideSwitch {
@@ -207,13 +205,13 @@ impl Gantry {
         }
     }
 
-    /// What has to be added to the coordinate of the second motor for the beam to count as square.
+    /// The amount to add to the coordinate of the second motor for the beam to count as square.
     #[must_use]
     pub fn alignment(&self, position: [f64; 2]) -> f64 {
         -self.difference(position)
     }
 
-    /// The second motor's distance from where it would be on a square beam.
+    /// The second motor's distance from its position on a square beam.
     fn difference(&self, position: [f64; 2]) -> f64 {
         position[1] - self.settings.squaring_offset - position[0]
     }
@@ -224,7 +222,7 @@ impl Gantry {
         first - self.apart[0]
     }
 
-    /// What is added to the setpoint for the target of a motor.
+    /// The offset of a motor's target from the setpoint.
     #[must_use]
     pub fn offset(&self, side: usize) -> f64 {
         let squaring_offset = if side == 1 {
@@ -235,22 +233,23 @@ impl Gantry {
         self.apart[side] + squaring_offset
     }
 
-    /// The velocity of that addition.
+    /// The velocity of [`Gantry::offset`].
     #[must_use]
     pub const fn velocity(&self, side: usize) -> f64 {
         self.velocity[side]
     }
 
-    /// Whether the axis is at its home switch, for the core: at both, and until both have opened.
+    /// Whether the axis is at its home switch, for the core: from the closing of both switches until both
+    /// have opened.
     #[must_use]
     pub const fn home_switch(&self) -> bool {
         self.is_closed
     }
 
-    /// The limit switches of a side at the negative and the positive end, as the core has to see them. A home
-    /// switch may be the limit switch as well: from its edge until both have closed the one in the direction
-    /// of motion is hidden, because the core would stop before the other side has come there. If that does
-    /// not come within `max_difference`, that is the fault.
+    /// The limit switches of a side at the negative and the positive end, as reported to the core. A home
+    /// switch may also be the limit switch: from its edge until both have closed, the limit switch in the
+    /// direction of motion is hidden, because the core would stop before the other side reaches its switch.
+    /// If the other side does not reach it within `max_difference`, the gantry is in fault.
     #[must_use]
     pub fn limits(&self, side: usize, pressed: [bool; 2]) -> [bool; 2] {
         if self.is_closed || self.fault.is_some() {
@@ -265,24 +264,24 @@ impl Gantry {
         ]
     }
 
-    /// Why both motors have to stop; until the core switches power off.
+    /// Why both motors have to stop, until the core switches power off.
     #[must_use]
     pub const fn fault(&self) -> Option<GantryFault> {
         self.fault
     }
 
-    /// How far the second motor was from square when the core has homed the axis by both switches: once after
-    /// each homing.
+    /// Returns the distance of the second motor from square when the core homed the axis by both switches,
+    /// once after each homing.
     pub const fn take_squared(&mut self) -> Option<f64> {
         self.squared.take()
     }
 
-    /// The core has assigned new coordinates, by `shift` for this axis: its motors are renamed by the result.
-    /// `is_homed`: it is the axis that has been homed.
+    /// Handles new coordinates of the core, shifted by `shift` for this axis. Returns the shifts of the
+    /// motors' coordinates. `is_homed`: this axis has been homed.
     ///
-    /// If both switches have closed on the way, each motor's edge receives the coordinate that the axis had
-    /// when the second closed, which is the one that the core has homed by. The names are then true, the
-    /// targets stay where they are, and the difference is removed at the squaring velocity.
+    /// If both switches have closed during the approach, each motor's edge receives the coordinate that the
+    /// axis had when the second switch closed, which is the one that the core has homed by. The coordinates
+    /// are then true, the targets do not move, and the difference is removed at the squaring velocity.
     #[must_use]
     pub fn rename(&mut self, shift: f64, is_homed: bool) -> [f64; 2] {
         let mut by = [shift; 2];
@@ -304,8 +303,8 @@ impl Gantry {
         by
     }
 
-    /// By how much the second motor is ahead of square, if the switches have closed at `edges` and the motors
-    /// are at `position`.
+    /// The lead of the second motor relative to a square beam, if the switches have closed at `edges` and the
+    /// motors are at `position`.
     fn racked(&self, edges: [f64; 2], position: [f64; 2]) -> f64 {
         (position[1] - edges[1] - self.settings.squaring_offset) - (position[0] - edges[0])
     }
@@ -332,7 +331,7 @@ impl Gantry {
         }
     }
 
-    /// Moves both to where they are on a square beam, from where they are when power comes on.
+    /// Moves both motors to a square beam, from their positions at power-on.
     fn square(&mut self, inputs: &GantryInputs, difference: f64) {
         let before = self.apart;
         if inputs.is_enabled && self.is_following {
@@ -342,7 +341,7 @@ impl Gantry {
                 self.velocity[side] = (self.apart[side] - before[side]) / inputs.period_s;
             }
         } else {
-            // The axis is where its first motor is.
+            // The axis has the position of its first motor.
             (self.apart, self.velocity) = ([0.0, difference], [0.0; 2]);
         }
         self.is_following = inputs.is_enabled;
@@ -350,8 +349,7 @@ impl Gantry {
 
     fn watch_switches(&mut self, inputs: &GantryInputs, closed: [bool; 2]) {
         if !inputs.is_enabled {
-            // Edges without power were made by hand. One that is closed has to open before both are searched
-            // for.
+            // Edges without power were made by hand. A closed switch must open before both are searched for.
             self.switches = closed.map(|was_closed| SideSwitch {
                 was_closed,
                 ..SideSwitch::default()
@@ -372,7 +370,7 @@ impl Gantry {
             self.switches[side].step(closed[side], now, inputs.period_s);
         }
         if self.is_closed {
-            // A switch that bounces at its edge must not give the core another one.
+            // A switch that bounces at its edge must not show the core another edge.
             if self.switches.iter().all(SideSwitch::is_open) {
                 (self.is_closed, self.found) = (false, None);
             }
@@ -406,7 +404,7 @@ impl Gantry {
         })
     }
 
-    /// If the switch of `side` closed now, the beam would be racked by this much already.
+    /// Checks how far the beam would be racked if the switch of `side` closed now.
     fn watch_missing(&mut self, inputs: &GantryInputs, side: usize) {
         let Some(edge) = self.switches[1 - side].edge else {
             return;
@@ -414,7 +412,7 @@ impl Gantry {
         let mut edges = inputs.position;
         edges[1 - side] = edge.position;
         let racked = self.racked(edges, inputs.position);
-        // Positive where this side is behind.
+        // Positive if this side lags.
         let behind = edge.direction * if side == 0 { racked } else { -racked };
         if behind > self.settings.max_difference {
             self.fail(inputs.power, GantryFault::SwitchMissing { side });
@@ -422,7 +420,8 @@ impl Gantry {
     }
 }
 
-/// Of the status words of two drives of one axis the one that is farther from operation, faults first.
+/// Returns the status word of the drive that is farther from operation, of two drives of one axis; faults
+/// first.
 #[must_use]
 pub fn worse_status(one: u16, other: u16) -> u16 {
     if distance_from_operation(other) > distance_from_operation(one) {
@@ -446,8 +445,8 @@ fn distance_from_operation(status_word: u16) -> u8 {
     }
 }
 
-/// Whether a change of datum by `shift` of all axes means that the axis with this one has been homed: the
-/// core homes one after the other, and a shift of zero is possible.
+/// Whether a change of datum by `shift` means that the axis with the shift `of_axis` has been homed: the core
+/// homes one axis after the other, and a shift of zero is possible.
 #[must_use]
 pub fn is_homed(shift: &[f64], of_axis: f64) -> bool {
     of_axis != 0.0 || shift.iter().all(|shift| *shift == 0.0)

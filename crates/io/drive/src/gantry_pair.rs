@@ -1,4 +1,4 @@
-//! The motors of a session that are two of one axis: what a [`Gantry`] decides, carried out.
+//! Two motors of one axis in a session: carries out the decisions of a [`Gantry`].
 
 use evolvent_path::AxisMask;
 use evolvent_wire::Feedback;
@@ -14,7 +14,7 @@ pub trait GantryMotor {
     fn position(&self) -> f64;
     /// Its measured velocity, per second.
     fn velocity(&self) -> f64;
-    /// The coordinate at which it waits for others, or is.
+    /// The coordinate at which it waits for other motors, or its present one.
     fn held_position(&self) -> f64;
     /// Whether its home switch is closed.
     fn home_switch(&self) -> bool;
@@ -22,11 +22,11 @@ pub trait GantryMotor {
     fn has_following_error(&self) -> bool {
         false
     }
-    /// Its coordinate grows by `shift`, and it stays where it is.
+    /// Adds `shift` to its coordinate, without motion.
     fn rename(&mut self, shift: f64);
-    /// What is added to setpoints from now on, and its velocity.
+    /// Sets the offset added to setpoints from now on, and its velocity.
     fn set_apart(&mut self, distance: f64, velocity: f64);
-    /// It stops, because the two are too far apart; or need not.
+    /// Sets whether it must stop because the two are too far apart.
     fn set_too_far_apart(&mut self, is_apart: bool);
 }
 
@@ -37,7 +37,7 @@ pub struct GantryEvent {
     pub axis: usize,
     /// Why both motors have to stop.
     pub fault: Option<GantryFault>,
-    /// How far the second motor was from square when the axis was homed by both switches just now.
+    /// Distance of the second motor from square, if the axis has just been homed by both switches.
     pub squared: Option<f64>,
 }
 
@@ -76,20 +76,20 @@ impl GantryPair {
         self.gantry.fault()
     }
 
-    /// Where the axis is held, among the positions of all axes.
+    /// Writes the held position of the axis into the positions of all axes.
     pub fn hold<M: GantryMotor>(&self, motors: &[M], actual: &mut [f64]) {
         let first = &motors[self.first];
         actual[first.axis()] = self.gantry.position(first.held_position());
     }
 
-    /// Motors that do not know where they are: the beam is assumed to be square.
+    /// Aligns motors without a known position: the beam is assumed to be square.
     pub fn align<M: GantryMotor>(&self, motors: &mut [M]) {
         let positions = self.indices().map(|motor| motors[motor].position());
         motors[self.second].rename(self.gantry.alignment(positions));
     }
 
-    /// Positions refer to another datum: those of both motors were shifted as their axis was, and receive the
-    /// rest here.
+    /// Handles a change of datum: both motors were shifted with their axis, and receive the rest of their
+    /// shift here.
     pub fn rename<M: GantryMotor>(&mut self, motors: &mut [M], shift: &[f64]) {
         let of_axis = shift[motors[self.first].axis()];
         let by = self.gantry.rename(of_axis, is_homed(shift, of_axis));
@@ -98,8 +98,8 @@ impl GantryPair {
         }
     }
 
-    /// One period: moves both until the beam is square, and stops both where that is not possible. `strain`:
-    /// the difference of the distances that they have moved, while their coordinates do not refer to one
+    /// Runs one period: moves both until the beam is square, and stops both if that is not possible.
+    /// `strain`: the difference of the distances that they have moved, while their coordinates have no common
     /// zero.
     pub fn step<M: GantryMotor>(
         &mut self,
@@ -126,7 +126,7 @@ impl GantryPair {
         }
     }
 
-    /// What became of it since the last call.
+    /// Returns the events since the last call.
     pub fn take_event<M: GantryMotor>(&mut self, motors: &[M]) -> GantryEvent {
         GantryEvent {
             axis: motors[self.first].axis(),
@@ -135,8 +135,8 @@ impl GantryPair {
         }
     }
 
-    /// The limit switches of the motor at index `index` as the core has to see them ([`Gantry::limits`]);
-    /// `None` for any other motor.
+    /// The limit switches of the motor at index `index` as reported to the core ([`Gantry::limits`]); `None`
+    /// for any other motor.
     #[must_use]
     pub fn limits(&self, index: usize, pressed: [bool; 2]) -> Option<[bool; 2]> {
         let side = self.indices().iter().position(|motor| *motor == index)?;

@@ -1,11 +1,11 @@
-//! Index pulses of encoders, on the bridge's side: which is to be latched, and where it was.
+//! Index pulses of encoders, on the bridge's side: the request, and the latched position.
 
 use evolvent_wire::{AXES, Feedback};
 
-/// What a setpoint asks for: `index_request` and `index_axis`.
+/// The request in a setpoint: `index_request` and `index_axis`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct IndexRequest {
-    /// Another number, not 0, is another request.
+    /// Number of the request; a different number other than 0 is a new request.
     pub number: u32,
     /// The axis, an index into X Y Z A B C U V W.
     pub axis: usize,
@@ -36,7 +36,7 @@ pub struct IndexLatch {
 }
 
 impl IndexLatch {
-    /// Takes over what the setpoint in force asks for. Returns the axis whose latch is to be armed in this
+    /// Accepts the request of the setpoint in force. Returns the axis whose latch is to be armed in this
     /// period.
     pub fn take(&mut self, request: IndexRequest) -> Option<usize> {
         if request.number == self.request.number {
@@ -49,28 +49,28 @@ impl IndexLatch {
         self.awaited()
     }
 
-    /// The axis whose index pulse has not come yet.
+    /// The axis whose index pulse is still awaited.
     #[must_use]
     pub fn awaited(&self) -> Option<usize> {
         let is_open = self.request.number != 0 && self.request.axis < AXES && self.position.is_none();
         is_open.then_some(self.request.axis)
     }
 
-    /// The index pulse came at this position of its axis, by the names of the datum in force.
+    /// Stores the position of the index pulse on its axis, in the datum in force.
     pub fn latch(&mut self, position: f64) {
         if self.awaited().is_some() {
             self.position = Some(position);
         }
     }
 
-    /// Positions refer to another datum.
+    /// Shifts the stored position after a change of datum.
     pub fn rename(&mut self, shift: &[f64; AXES]) {
         if let Some(position) = &mut self.position {
             *position += shift[self.request.axis];
         }
     }
 
-    /// Writes what has come of the request into a message.
+    /// Writes the result of the request into a message.
     pub fn describe(&self, feedback: &mut Feedback) {
         feedback.index_request = self.request.number;
         feedback.index_position = match self.position {

@@ -11,7 +11,7 @@ pub struct InterpolationTime {
     pub index: i8,
 }
 
-/// Why a drive cannot be given a period.
+/// Why a drive cannot use a period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum InterpolationError {
     /// The object cannot hold the number.
@@ -29,11 +29,11 @@ pub enum InterpolationError {
 }
 
 impl InterpolationTime {
-    /// The period of the cycle as the drive wants to hear it, exactly.
+    /// Converts the period of the cycle exactly.
     ///
     /// # Errors
-    /// The period has more digits than the object holds; names the nearest that fits. A drive that was told
-    /// another period than that of the setpoints moves in steps.
+    /// The period has more digits than the object holds; the error names the nearest period that fits. A
+    /// drive with a period other than that of the setpoints moves in steps.
     ///
     /// ```
     /// use evolvent_drive::InterpolationTime;
@@ -92,7 +92,7 @@ mod tests {
         ] {
             let time = InterpolationTime::from_period_ns(period_ns).expect("exact");
             assert_eq!(time.period_ns(), period_ns);
-            // The same time may be written in several ways.
+            // The same time may have several representations.
             let seconds = f64::from(value) * 10_f64.powi(index);
             assert!((time.period_ns() as f64 * 1e-9 - seconds).abs() < 1e-12);
         }

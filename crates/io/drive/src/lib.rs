@@ -38,7 +38,7 @@
 //! period of the drives: it bridges a few missing ones, then brakes within the limits ([`Brake`]) and holds;
 //! it rejects jumps. [`IndexLatch`] keeps the request for an index pulse. [`Gantry`] squares the beam of two
 //! motors of one axis. [`SpindleEncoder`] converts counts and index pulses to the angle of a spindle, and
-//! [`SpindleOrientation`] turns it to an angle; [`SpindlePower`] says when its drive may have torque.
+//! [`SpindleOrientation`] turns it to an angle; [`SpindlePower`] decides when its drive may have torque.
 //! [`Cia402`] brings a drive to the requested power state. [`DriveMachine`] is the drive's own state machine,
 //! for simulated drives and tests.
 //!

@@ -47,7 +47,7 @@ pub struct OutputFollower {
     /// In the order of arrival; the first `count` are valid.
     ahead: [MachineOutputs; AHEAD],
     count: usize,
-    /// In force; none before the first.
+    /// Outputs in force; `None` before the first.
     now: Option<MachineOutputs>,
     heard_ns: u64,
     /// Number of the newest message.
@@ -85,7 +85,7 @@ impl OutputFollower {
         }
         self.heard_ns = now_ns;
         if message.sequence <= self.newest {
-            // Another core: the plans of the previous one are void.
+            // Another core: the pending messages of the previous one are void.
             self.count = 0;
             self.now = None;
         }
@@ -123,8 +123,8 @@ impl OutputFollower {
     }
 }
 
-/// The same with everything safe: spindles stopped, coolant off. It carries out no message, so that what is
-/// reported of it (a spindle that stands) is not taken for an answer to one.
+/// The safe outputs of a message: spindles stopped, coolant off. They have no sequence number, so that a
+/// report (a stopped spindle) does not count as a reply to a message.
 fn safe(message: &MachineOutputs) -> MachineOutputs {
     MachineOutputs {
         sequence: 0,
@@ -169,7 +169,7 @@ mod tests {
         assert_eq!(at(&mut outputs, 10), (1, 0b01));
         assert_eq!(at(&mut outputs, 25), (3, 0b00));
         assert_eq!(at(&mut outputs, 31), (4, 0b01));
-        // Silence: safe values, whatever was planned.
+        // Silence: safe values, despite pending messages.
         outputs.offer(100 * MS, &message(5, 250, 0b01)).unwrap();
         assert_eq!(at(&mut outputs, 300), (5, 0b01));
         assert_eq!(at(&mut outputs, 301), (0, 0b10));

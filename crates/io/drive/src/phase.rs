@@ -1,18 +1,19 @@
 //! The phase lock: the cycle follows the drives' clock.
 //!
-//! Drives on a fieldbus take their setpoints by a clock of their own. Two crystals differ by some 10 ppm, so that
-//! without a tie one setpoint would be used twice, or never, every few minutes. The bridge measures how late the
-//! drives' clock is against the time at which the setpoint was due; the cycle stretches or shrinks its period by a
-//! proportional and an integral share of that.
+//! Drives on a fieldbus take their setpoints with their own clock. Two crystals differ by some 10 ppm, so
+//! without synchronisation a setpoint would be used twice, or never, every few minutes. The bridge measures
+//! the delay of the drives' clock relative to the due time of the setpoint. The cycle lengthens or shortens
+//! its period by a proportional and an integral part of this delay.
 //!
 //! With the phase error `e` (ns), the drives' drift `d` and the correction `u` (ns a cycle) the loop is
 //! `e' = e + d - u`, `u = Kp e + Ki sum(e)`. With `Kp = 2 zeta w`, `Ki = w^2` both roots of
-//! `z^2 - (2 - Kp - Ki) z + (1 - Kp)` lie near `1 - w` for `zeta = 1`. A feedback that is `D` cycles old turns the phase
-//! by about `w D` at that frequency; `w D <= 0.1` keeps more than 60 degrees of margin.
+//! `z^2 - (2 - Kp - Ki) z + (1 - Kp)` are near `1 - w` for `zeta = 1`. Feedback that is `D` cycles old shifts
+//! the phase by about `w D` at that frequency; `w D <= 0.1` keeps more than 60 degrees of margin.
 //!
-//! `Ki` is per cycle, not per error: where an error comes with every `n`th cycle only, as in a loop that computes `n` cycles in
-//! a row, it stands for all of them, `Ki sum(n e)`. The proportional part needs nothing, its correction stays in force
-//! meanwhile. `n` counts up to `D`, so that `w n <= 0.1` as well: what was unknown for longer is not taken for the last error.
+//! `Ki` is per cycle, not per error: if an error arrives only every `n`th cycle, as in a loop that computes
+//! `n` cycles in a row, it applies to all of them, `Ki sum(n e)`. The proportional part needs no change,
+//! because its correction stays in force meanwhile. `n` is limited to `D`, so that `w n <= 0.1` as well: an
+//! error does not apply to a longer silence before it.
 
 /// The period is never changed by more than this fraction.
 pub const MAX_CORRECTION_RATIO: f64 = 0.001;
@@ -29,7 +30,7 @@ pub struct PhaseSettings {
     pub target_ns: i64,
 }
 
-/// Steers the period by the phase error. May be called by the cycle: no allocation, a few operations.
+/// Controls the period by the phase error. May be called by the cycle: no allocation, a few operations.
 ///
 /// ```
 /// use evolvent_drive::{PhaseLock, PhaseSettings};
@@ -62,12 +63,12 @@ pub struct PhaseLock {
     hold_cycles: u32,
     /// Cycles since errors began to arrive.
     locked_cycles: u32,
-    /// Cycles from there until what is left of the first error and of an unknown drift is negligible.
+    /// Cycles from then until the remainders of the first error and of an unknown drift are negligible.
     settling_cycles: u32,
 }
 
 impl PhaseLock {
-    /// A lock without a correction.
+    /// Creates a lock without a correction.
     #[must_use]
     pub fn new(settings: PhaseSettings) -> Self {
         let bandwidth = (0.1 / f64::from(settings.delay_cycles.max(1))).min(0.01);
@@ -83,7 +84,8 @@ impl PhaseLock {
             max_cycles: settings.delay_cycles.max(1),
             hold_cycles: (4.0 / bandwidth) as u32,
             locked_cycles: 0,
-            // Half a period takes 500 cycles at the limit, and of `(1 + w t) exp(-w t)` a two thousandth is left after `10 / w`.
+            // Half a period takes 500 cycles at the limit, and `(1 + w t) exp(-w t)` falls to a
+            // two-thousandth after `10 / w`.
             settling_cycles: 500 + (10.0 / bandwidth) as u32,
         }
     }
@@ -94,7 +96,7 @@ impl PhaseLock {
         self.drift_ns * MAX_CORRECTION_RATIO / self.limit_ns.max(1.0)
     }
 
-    /// By how much the period is longer than the nominal one, as a ratio.
+    /// Excess of the period over the nominal one, as a ratio.
     #[must_use]
     pub fn correction_ratio(&self) -> f64 {
         self.correction_ns * MAX_CORRECTION_RATIO / self.limit_ns.max(1.0)
@@ -106,8 +108,8 @@ impl PhaseLock {
         self.locked_cycles >= self.settling_cycles && self.silent_cycles <= self.hold_cycles
     }
 
-    /// One cycle: the newest phase error, if one arrived. Returns by how many ns this period is longer than
-    /// the nominal one.
+    /// Runs one cycle with the newest phase error, if one arrived. Returns the excess of this period over the
+    /// nominal one, ns.
     ///
     /// Positive errors (the drives run late) lengthen the period. Without a new error the correction returns
     /// to the drift that was found: the clocks differ as before.

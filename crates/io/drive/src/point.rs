@@ -7,7 +7,7 @@ use crate::brake::BrakeState;
 use crate::index_latch::IndexRequest;
 use crate::power::PowerRequest;
 
-/// A setpoint that arrived.
+/// A received setpoint.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Point {
     pub(crate) sequence: u64,
@@ -95,7 +95,7 @@ impl Point {
             next.velocity[axis] * h,
             next.acceleration[axis] * h * h,
         );
-        // What is left to the three highest coefficients at u = 1.
+        // Remainders at u = 1 for the three highest coefficients.
         let dp = p1 - p0 - v0 - 0.5 * a0;
         let dv = v1 - v0 - a0;
         let da = a1 - a0;

@@ -1,6 +1,6 @@
 //! The core's request to the power stages, and a bridge's state: the numbers of the bus as enums.
 
-/// What the drives' power stages shall do.
+/// The requested state of the drives' power stages.
 ///
 /// ```
 /// use evolvent_drive::PowerRequest;

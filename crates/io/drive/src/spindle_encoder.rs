@@ -1,5 +1,5 @@
-//! The encoder of a spindle: counts of a wrapping counter and index pulses to the angle, the speed and the
-//! faults of the bus.
+//! The encoder of a spindle: converts the counts of a wrapping counter and index pulses to the angle, the
+//! speed and the faults on the bus.
 
 use evolvent_wire::{SpindleFeedback, spindle_flags};
 
@@ -9,34 +9,34 @@ const CLOCKWISE: u32 = 1;
 const COUNTER_CLOCKWISE: u32 = 2;
 /// Readings kept for the speed. At the shortest spacing they cover [`LONGEST_WINDOW_NS`].
 const READINGS: usize = 128;
-/// Shortest time between two readings that are kept: shorter periods need no more of them.
+/// Minimum time between kept readings: shorter periods need no more of them.
 const SPACING_NS: u64 = 800_000;
-/// The speed is that over this many counts, which is exact to 0.4 %, but over no less than the shorter and no
-/// more than the longer time: a slow spindle is measured from edge to edge, whose times are known to a period
-/// of the bridge.
+/// The speed is measured over this many counts, which is accurate to 0.4 %, but over at least the shorter and
+/// at most the longer time below. A slow spindle is measured from edge to edge, whose times are known to a
+/// period of the bridge.
 const WINDOW_COUNTS: u64 = 256;
 const SHORTEST_WINDOW_NS: u64 = 4_000_000;
 const LONGEST_WINDOW_NS: u64 = 100_000_000;
-/// A spindle that is slower stands, rpm: 1 kg m2 at 1 rpm have 5 mJ. The noise of an encoder at rest, a few
-/// counts of 2^20 in a turn, is a thousandth of it.
+/// Speed below which a spindle is at standstill, rpm: 1 kg m2 at 1 rpm has 5 mJ. The noise of an encoder at
+/// rest, a few counts of 2^20 per turn, is a thousandth of this speed.
 const STANDING_RPM: f64 = 1.0;
-/// A coarse encoder cannot show less than this many counts in the longest window: a shaft at rest on an edge
-/// goes to and fro.
+/// Counts in the longest window up to which a coarse encoder is at standstill: a shaft at rest on an edge may
+/// toggle between counts.
 const STANDING_COUNTS: f64 = 3.0;
-/// Turns of the index in which a pulse has to come after its latch was armed: it is reported some periods
-/// later, which at a high speed is a good part of a turn.
+/// Index intervals within which a pulse must occur after its latch was armed: it is reported some periods
+/// later, which at a high speed is a significant part of a turn.
 const INDEX_WITHIN: u64 = 2;
 const NS_PER_MINUTE: f64 = 60e9;
 
-/// Where the index pulse of a spindle comes from.
+/// Source of the index pulse of a spindle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpindleIndex {
-    /// There is none: speed only, the angle stays unknown.
+    /// No index: speed only, the angle stays unknown.
     None,
     /// Once per turn of the spindle: on the spindle, or on an encoder that turns as fast.
     PerSpindleTurn,
-    /// Once per turn of an encoder behind a gear: the first pulse of a session is the zero, and after a
-    /// restart it may be another.
+    /// Once per turn of a geared encoder: the first pulse of a session is the zero, and after a restart it
+    /// may be another.
     PerEncoderTurn,
     /// The counter is absolute within the turn, and its zero is this count.
     Absolute {
@@ -45,7 +45,7 @@ pub enum SpindleIndex {
     },
 }
 
-/// An encoder and its place at the spindle.
+/// An encoder and its connection to the spindle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpindleEncoderSettings {
     /// Bits of the hardware's counter, 8 to 32.
@@ -54,17 +54,17 @@ pub struct SpindleEncoderSettings {
     pub counts_per_turn: u32,
     /// Turns of the encoder, and turns of the spindle in the same time, neither 0.
     pub gear: [u32; 2],
-    /// It counts down while the spindle turns clockwise.
+    /// Whether it counts down while the spindle turns clockwise.
     pub inverted: bool,
-    /// Its index.
+    /// Source of its index pulse.
     pub index: SpindleIndex,
-    /// Counts by which a pulse may be away from where it was first: its width, and an uneven coupling.
+    /// Maximum deviation of a pulse from its first position, counts: its width, and an uneven coupling.
     pub index_tolerance: u32,
-    /// Of the commanded speed, by which the speed may differ and counts as reached.
+    /// Deviation within which the commanded speed counts as reached, as a fraction of it.
     pub at_speed_fraction: f64,
 }
 
-/// What is wrong with an encoder. It stays until [`SpindleEncoder::reset`].
+/// Fault of an encoder. It persists until [`SpindleEncoder::reset`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SpindleEncoderFault {
     /// Two turns without an index pulse.
@@ -73,27 +73,27 @@ pub enum SpindleEncoderFault {
         /// Counts since the latch was armed.
         counts: u64,
     },
-    /// A pulse that is not whole turns away from the first.
+    /// A pulse is not a whole number of turns away from the first.
     #[error(
         "the index pulse came {counts} counts from its place: counts were lost, or one was added; check \
          cable, shield and coupling, counts_per_rev and gear"
     )]
     LostCounts {
-        /// Counts away, in the direction of the spindle.
+        /// Deviation in counts, in the direction of the spindle.
         counts: i64,
     },
-    /// It turned for so long without a reading that its counter may have turned over unseen.
+    /// It turned without a reading for so long that its counter may have wrapped unnoticed.
     #[error(
         "its encoder was not read for {ms} ms, so its angle is unknown; check what suspended this \
          computer's processes (`evolvent doctor`)"
     )]
     Unread {
-        /// How long.
+        /// Time without a reading.
         ms: u64,
     },
 }
 
-/// What a message says beside the encoder's readings.
+/// Contents of a message in addition to the encoder's readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SpindleConditions {
     /// Number of the spindle.
@@ -118,7 +118,7 @@ struct Reading {
     counts: i64,
 }
 
-/// Knows how a spindle turns from the readings of its encoder. Neither allocates nor waits.
+/// Computes the angle and speed of a spindle from the readings of its encoder. Neither allocates nor waits.
 ///
 /// ```
 /// use evolvent_drive::{SpindleConditions, SpindleEncoder, SpindleEncoderSettings, SpindleIndex};
@@ -154,7 +154,7 @@ pub struct SpindleEncoder {
     time_ns: u64,
     /// The count of the first pulse.
     zero: Option<i64>,
-    /// Least and greatest count since the latch was armed.
+    /// Minimum and maximum count since the latch was armed.
     swept: Option<[i64; 2]>,
     fault: Option<SpindleEncoderFault>,
     /// Readings at which the count had changed, the oldest at `newest + 1`.
@@ -164,7 +164,7 @@ pub struct SpindleEncoder {
 }
 
 impl SpindleEncoder {
-    /// Without a reading. Zeros among the settings count as one.
+    /// Creates an encoder without a reading. Zeros in the settings count as one.
     #[must_use]
     pub fn new(settings: SpindleEncoderSettings) -> Self {
         let settings = SpindleEncoderSettings {
@@ -201,7 +201,7 @@ impl SpindleEncoder {
             Some(last) => self.counts += self.signed(self.difference(raw, last)),
             None => {
                 let counts = self.extend(raw);
-                // A reading is the count that the shaft is within, seen from either side.
+                // A reading is the count interval of the shaft, in either direction of counting.
                 self.counts = if self.settings.inverted {
                     -1 - counts
                 } else {
@@ -220,17 +220,17 @@ impl SpindleEncoder {
         self.look_for_index();
     }
 
-    /// The counter may have turned over since the last reading, which was so long ago.
+    /// Reports that the counter may have wrapped since the last reading, `ms` ago.
     pub fn set_unread(&mut self, ms: u64) {
         self.fault.get_or_insert(SpindleEncoderFault::Unread { ms });
     }
 
-    /// The index latch is armed: from now on a pulse is expected.
+    /// Reports that the index latch is armed: from now on a pulse is expected.
     pub const fn set_armed(&mut self) {
         self.swept = Some([self.counts; 2]);
     }
 
-    /// A pulse has come at this count, less than half of the counter's range from the last reading.
+    /// Takes a pulse at this count, less than half of the counter's range from the last reading.
     pub fn latch(&mut self, raw: u32) {
         self.swept = None;
         let away = self.signed(self.difference(raw, self.raw.unwrap_or(raw)));
@@ -246,7 +246,7 @@ impl SpindleEncoder {
         }
     }
 
-    /// Forgets a fault. The zero is that of the next pulse: after lost counts nothing else can be trusted.
+    /// Clears a fault. The next pulse sets the zero: after lost counts nothing else is reliable.
     pub const fn reset(&mut self) {
         if self.fault.take().is_some() {
             self.swept = None;
@@ -256,7 +256,7 @@ impl SpindleEncoder {
         }
     }
 
-    /// What is wrong with it.
+    /// The fault, if any.
     #[must_use]
     pub const fn fault(&self) -> Option<SpindleEncoderFault> {
         self.fault
@@ -268,7 +268,7 @@ impl SpindleEncoder {
         self.zero.is_some()
     }
 
-    /// Whether it has an index pulse that is to be latched.
+    /// Whether it has an index pulse to latch.
     #[must_use]
     pub const fn has_pulse(&self) -> bool {
         matches!(
@@ -277,7 +277,7 @@ impl SpindleEncoder {
         )
     }
 
-    /// Whether there was a reading, and its time.
+    /// Time of the last reading, if there was one.
     #[must_use]
     pub const fn read_at_ns(&self) -> Option<u64> {
         match self.raw {
@@ -286,7 +286,7 @@ impl SpindleEncoder {
         }
     }
 
-    /// Whole turns of the spindle and the rest, from the index or, before it has come, from the start; the
+    /// Whole turns and fraction of a turn of the spindle, from the index, or before it from the start; at the
     /// middle of the count.
     #[must_use]
     pub fn turns(&self) -> (i64, f64) {
@@ -296,7 +296,7 @@ impl SpindleEncoder {
         let per_turn = 2 * i128::from(self.settings.counts_per_turn) * encoder;
         let (whole, rest) = (halves.div_euclid(per_turn), halves.rem_euclid(per_turn));
         let fraction = rest as f64 / per_turn as f64;
-        // A rest just below a turn may be rounded to one.
+        // A fraction just below a turn may be rounded to one.
         if fraction < 1.0 {
             (whole as i64, fraction)
         } else {
@@ -304,7 +304,7 @@ impl SpindleEncoder {
         }
     }
 
-    /// The same as one number.
+    /// [`SpindleEncoder::turns`] as one number.
     #[must_use]
     pub fn angle(&self) -> f64 {
         let (turns, fraction) = self.turns();
@@ -318,8 +318,8 @@ impl SpindleEncoder {
         spindle / (encoder * f64::from(self.settings.counts_per_turn))
     }
 
-    /// The speed, rpm, negative counter-clockwise: over as many counts as make it exact, or over as long as
-    /// it takes.
+    /// The speed, rpm, negative counter-clockwise, measured over enough counts to be accurate, or over the
+    /// longest window.
     #[must_use]
     pub fn speed_rpm(&self) -> f64 {
         let last = self.edge(0);
@@ -342,7 +342,7 @@ impl SpindleEncoder {
         let span_ns = last.time_ns.saturating_sub(first.time_ns).max(1) as f64;
         let counts = (last.counts - first.counts) as f64;
         let measured = counts / span_ns;
-        // While no edge comes the speed is below one count in the time since the last.
+        // Without an edge the speed is below one count per time since the last.
         let since_ns = self.time_ns.saturating_sub(last.time_ns);
         let bounded = if since_ns > SPACING_NS {
             let most = 1.0 / since_ns as f64;
@@ -397,12 +397,12 @@ impl SpindleEncoder {
         }
     }
 
-    /// A difference of two counts of the counter, either way by less than half of its range.
+    /// A difference of two counter readings, with a magnitude below half of its range.
     const fn difference(&self, raw: u32, from: u32) -> i64 {
         self.extend(raw.wrapping_sub(from))
     }
 
-    /// The low bits of a counter as a number with a sign.
+    /// The low bits of a counter as a signed number.
     const fn extend(&self, raw: u32) -> i64 {
         let unused = 32 - self.settings.counter_bits;
         ((raw << unused) as i32 >> unused) as i64
@@ -412,7 +412,7 @@ impl SpindleEncoder {
         if self.settings.inverted { -counts } else { counts }
     }
 
-    /// How many counts are between a distance and the next whole number of intervals of the index.
+    /// Counts between a distance and the nearest whole number of index intervals.
     fn counts_from_turn(&self, counts: i64) -> i64 {
         let [encoder, spindle] = match self.settings.index {
             SpindleIndex::PerEncoderTurn => [1, 1],

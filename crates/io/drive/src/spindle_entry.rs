@@ -37,7 +37,7 @@ pub enum SpindleFault {
     Claimed,
 }
 
-/// Checks every message and knows how the spindles turn. Neither allocates nor waits.
+/// Checks every message and keeps the state of the spindles. Neither allocates nor waits.
 ///
 /// ```
 /// use evolvent_drive::{SpindleEntry, SpindleFault};

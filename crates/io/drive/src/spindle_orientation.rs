@@ -5,14 +5,14 @@ use crate::spindle_encoder::SpindleEncoder;
 /// `spindle_way` of the bus.
 const WAY_CLOCKWISE: u32 = 1;
 const WAY_COUNTER_CLOCKWISE: u32 = 2;
-/// The loop begins below this multiple of its greatest speed; above it the spindle brakes.
+/// The loop begins below this multiple of its maximum speed; above it the spindle brakes.
 const CATCH_RATIO: f64 = 1.2;
-/// It must have been within the tolerance for so long.
+/// Time within the tolerance after which the spindle is oriented, ns.
 const SETTLED_NS: u64 = 50_000_000;
-/// The integral acts below this fraction of the greatest speed: on the way it would only make the spindle
-/// overshoot, and what it has to remove is where the spindle stands still beside its angle.
+/// The integral acts below this fraction of the maximum speed. At higher speeds it would only cause
+/// overshoot; its purpose is to remove the error at standstill.
 const INTEGRAL_BELOW: f64 = 0.05;
-/// Greatest part of the integral in the command, of the greatest speed.
+/// Maximum part of the integral in the command, as a ratio of the maximum speed.
 const INTEGRAL_RATIO: f64 = 0.2;
 
 /// The loop of a spindle.
@@ -20,11 +20,11 @@ const INTEGRAL_RATIO: f64 = 0.2;
 pub struct OrientationSettings {
     /// Speed per error, 1/s.
     pub gain: f64,
-    /// Integral gain, 1/s2: removes what an analog speed of zero is off.
+    /// Integral gain, 1/s2: removes the offset of an analog speed of zero.
     pub integral_gain: f64,
-    /// Greatest speed, rpm.
+    /// Maximum speed, rpm.
     pub max_rpm: f64,
-    /// How near it has to be, degrees.
+    /// Tolerance of the angle, degrees.
     pub tolerance_deg: f64,
 }
 
@@ -33,9 +33,9 @@ enum Phase {
     /// No orientation is commanded.
     #[default]
     Off,
-    /// It turns too fast, or its index has not come yet.
+    /// The spindle is too fast, or its index has not occurred yet.
     Approach,
-    /// It goes to this angle, turns since the index pulse, and holds it.
+    /// The spindle turns to this angle, turns since the index pulse, and holds it.
     Turn(f64),
 }
 
@@ -45,15 +45,15 @@ pub struct SpindleOrientation {
     settings: OrientationSettings,
     phase: Phase,
     integral: f64,
-    /// Since when it has been within the tolerance.
+    /// Time since which it has been within the tolerance.
     there_since_ns: Option<u64>,
     last_ns: u64,
-    /// What was commanded last: angle and way.
+    /// The last command: angle and `spindle_way`.
     wanted: (f64, u32),
 }
 
 impl SpindleOrientation {
-    /// Off.
+    /// Creates a loop without a command.
     #[must_use]
     pub const fn new(settings: OrientationSettings) -> Self {
         Self {
@@ -71,8 +71,8 @@ impl SpindleOrientation {
         (self.phase, self.integral, self.there_since_ns) = (Phase::Off, 0.0, None);
     }
 
-    /// One period of an orientation to an angle, degrees, by a way. Returns the speed to command, rpm,
-    /// negative counter-clockwise.
+    /// Runs one period of an orientation to an angle, degrees; `way` is the `spindle_way` of the bus. Returns
+    /// the speed to command, rpm, negative counter-clockwise.
     pub fn step(&mut self, angle_deg: f64, way: u32, encoder: &SpindleEncoder, now_ns: u64) -> f64 {
         let period_s = now_ns.saturating_sub(self.last_ns).min(100_000_000) as f64 * 1e-9;
         self.last_ns = now_ns;
@@ -119,12 +119,12 @@ impl SpindleOrientation {
                 .is_some_and(|since_ns| self.last_ns.saturating_sub(since_ns) >= SETTLED_NS)
     }
 
-    /// Turns; a coarse encoder cannot show less than a count.
+    /// The tolerance in turns, at least the resolution of a coarse encoder.
     fn tolerance(&self, encoder: &SpindleEncoder) -> f64 {
         (self.settings.tolerance_deg / 360.0).max(encoder.turns_per_count())
     }
 
-    /// Turns from an angle to the commanded one, by the commanded way.
+    /// Turns from an angle to the commanded one, in the commanded direction.
     fn distance(&self, angle_deg: f64, way: u32, from: f64) -> f64 {
         let ahead = (angle_deg / 360.0 - from).rem_euclid(1.0);
         let tolerance = self.settings.tolerance_deg / 360.0;
@@ -145,7 +145,7 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// A motor of 20 ms whose speed is off by some rpm, and its encoder.
+    /// A motor with a time constant of 20 ms and a speed offset, and its encoder.
     struct Motor {
         turns: f64,
         rpm: f64,

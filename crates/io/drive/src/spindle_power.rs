@@ -1,8 +1,8 @@
 //! Whether the drive of a spindle may have torque.
 
 /// Whether the drive of a spindle is to be enabled. Only a command enables it. It then keeps its torque until
-/// the spindle stands, because it brakes while it is enabled; a spindle without torque stays without, however
-/// it turns: by a hand, coasting, or by the noise of its encoder.
+/// the spindle is at standstill, because it brakes only while it is enabled. A spindle without torque stays
+/// without torque while it turns by hand, coasts, or shows encoder noise.
 ///
 /// ```
 /// use evolvent_drive::SpindlePower;
@@ -20,9 +20,8 @@ pub struct SpindlePower {
 }
 
 impl SpindlePower {
-    /// One period. `is_commanded`: the core has it turn, or hold an angle; `stands`: it is at rest;
-    /// `has_torque`: the drive has torque, where that is known, otherwise true. Returns whether the drive is
-    /// to be enabled.
+    /// Runs one period. `is_commanded`: the core commands a speed or an angle. `stands`: the spindle is at
+    /// rest. `has_torque`: the drive has torque; true if unknown. Returns whether the drive is to be enabled.
     pub const fn step(&mut self, is_commanded: bool, stands: bool, has_torque: bool) -> bool {
         self.is_on = is_commanded || self.is_on && !stands && has_torque;
         self.is_on
@@ -39,7 +38,7 @@ mod tests {
         assert!(power.step(true, true, false), "on the way to operation");
         assert!(power.step(true, false, true));
         assert!(power.step(false, false, true));
-        // Safe torque off while it turns, then its chain closes.
+        // Safe torque off during rotation; then its chain closes again.
         assert!(!power.step(false, false, false));
         assert!(!power.step(false, false, true));
         assert!(power.step(true, false, false), "a command");

@@ -5,19 +5,19 @@ use evolvent_wire::AXES;
 use crate::brake::BrakeState;
 use crate::follower_settings::FollowerSettings;
 
-/// Fraction of the velocity, acceleration and jerk of an axis that the decay takes at most, besides those of
-/// the setpoints. Setpoints within the limits of the axis thus give targets within 1.05 of them, which is
-/// less than what [`crate::Follower`] tolerates of setpoints.
+/// Maximum fraction of the velocity, acceleration and jerk of an axis that the decay uses, in addition to
+/// those of the setpoints. Setpoints within the limits of the axis thus give targets within 1.05 of the
+/// limits, which is less than [`crate::Follower`] tolerates in setpoints.
 const FRACTION: f64 = 0.05;
 
-/// Largest derivatives of `1 - 10 u^3 + 15 u^4 - 6 u^5`: at u = 1/2, at `(3 - sqrt 3) / 6`, and at 0.
+/// Maximum derivatives of `1 - 10 u^3 + 15 u^4 - 6 u^5`: at u = 1/2, at `(3 - sqrt 3) / 6`, and at 0.
 const DISTANCE_PEAKS: [f64; 3] = [1.875, 5.773_502_691_896_258, 60.0];
-/// Largest second and third derivative of `u - 6 u^3 + 8 u^4 - 3 u^5`: at `(8 - sqrt 19) / 15`, and at 0. Its
+/// Maximum second and third derivative of `u - 6 u^3 + 8 u^4 - 3 u^5`: at `(8 - sqrt 19) / 15`, and at 0. Its
 /// first is at most 1.
 const VELOCITY_PEAKS: [f64; 2] = [3.940_233_952_969_67, 36.0];
 
-/// What is added to the setpoints of one axis: at first as much as leaves the axis where it stands, and at
-/// rest, then less, and nothing after `duration_s`. Position, velocity and acceleration are continuous.
+/// Offset added to the setpoints of one axis. It initially keeps the axis at rest at its position, then
+/// decays, and is zero after `duration_s`. Position, velocity and acceleration are continuous.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct StartOffset {
     distance: f64,
@@ -26,7 +26,8 @@ struct StartOffset {
 }
 
 impl StartOffset {
-    /// From a distance and a velocity, within a fraction of the velocity, acceleration and jerk of the axis.
+    /// Starts at a distance and a velocity, and stays within a fraction of the velocity, acceleration and
+    /// jerk of the axis.
     fn new(distance: f64, velocity: f64, limits: [f64; 3]) -> Self {
         let [max_v, max_a, max_j] = limits.map(|limit| FRACTION * limit);
         let [v, a, j] = DISTANCE_PEAKS.map(|peak| peak * distance.abs());
@@ -36,18 +37,19 @@ impl StartOffset {
         Self {
             distance,
             velocity,
-            // Each part takes at most its fraction of this time of the acceleration and of the jerk.
+            // Each part uses at most its fraction of the total time as a fraction of the acceleration and
+            // jerk, so that the sum of both keeps the limits.
             duration_s: from_distance_s + from_velocity_s,
         }
     }
 
-    /// The addition this long after following has begun.
+    /// The offset at this time after following has begun.
     fn at(&self, time_s: f64) -> BrakeState {
         if time_s >= self.duration_s {
             return BrakeState::default();
         }
         let u = (time_s / self.duration_s).max(0.0);
-        // All lengths per duration: d and w are the distance and the velocity.
+        // In units of the duration: d and w are the distance and the velocity.
         let (d, w) = (self.distance, self.velocity * self.duration_s);
         let (c3, c4, c5) = (-10.0 * d - 6.0 * w, 15.0 * d + 8.0 * w, -6.0 * d - 3.0 * w);
         let per_s = 1.0 / self.duration_s;
@@ -59,7 +61,7 @@ impl StartOffset {
     }
 }
 
-/// Those of all axes since following began; by default none.
+/// The offsets of all axes since following began; zero by default.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct StartOffsets {
     since_ns: u64,
@@ -67,7 +69,7 @@ pub(crate) struct StartOffsets {
 }
 
 impl StartOffsets {
-    /// Following begins now, with the axes at rest where they are held, at setpoints in these states.
+    /// Begins following now, with the axes at rest at their held positions, at setpoints in these states.
     pub(crate) fn new(
         now_ns: u64,
         settings: &FollowerSettings,
@@ -86,7 +88,7 @@ impl StartOffsets {
         }
     }
 
-    /// What is added to the setpoint of an axis at this time.
+    /// The offset added to the setpoint of an axis at this time.
     pub(crate) fn at(&self, time_ns: u64, axis: usize) -> BrakeState {
         self.axes[axis].at(time_ns.saturating_sub(self.since_ns) as f64 * 1e-9)
     }
@@ -115,7 +117,7 @@ mod tests {
                     (b.velocity - a.velocity, a.acceleration, b.acceleration),
                 ];
                 for (difference, from, to) in differences {
-                    // By the trapezoidal rule, whose error is the third derivative's.
+                    // By the trapezoidal rule, whose error depends on the third derivative.
                     let off = difference / step_s - 0.5 * (from + to);
                     assert!(off.abs() < 1e-6 * limits[1], "{off}");
                 }
@@ -129,7 +131,7 @@ mod tests {
                 ratios.iter().all(|ratio| *ratio <= 1.001 * FRACTION),
                 "{ratios:?}"
             );
-            // And no slower than that where there is no velocity.
+            // And no slower than that without a velocity.
             let most = ratios.iter().fold(0.0_f64, |most, ratio| most.max(*ratio));
             assert!(velocity != 0.0 || most > 0.99 * FRACTION, "{ratios:?}");
         }

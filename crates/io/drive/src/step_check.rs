@@ -6,18 +6,18 @@ use crate::follower_settings::FollowerSettings;
 use crate::phase::MAX_CORRECTION_RATIO;
 use crate::point::Point;
 
-/// Factor by which a setpoint may exceed the velocity of an axis: rounding, and a guard that permits a
+/// Factor by which a setpoint may exceed the velocity of an axis: rounding, and the guard's tolerance of a
 /// thousandth.
 const TOLERATED: f64 = 1.1;
-/// The same for its acceleration: a spindle that is followed, and corrections of the axes, add some percent;
-/// nothing doubles it.
+/// The same for its acceleration: following a spindle, and corrections of the axes, add some percent; nothing
+/// doubles it.
 pub(crate) const TOLERATED_ACCELERATION: f64 = 2.0;
-/// By how many periods the due times of setpoints in motion may be farther apart than their numbers: the core
-/// changes its period by a thousandth at most.
+/// Number of periods by which the due times of setpoints in motion may be farther apart than their sequence
+/// numbers: the core changes its period by at most a thousandth.
 const TOLERATED_DELAY: f64 = 0.5;
-/// By how much two due times together may be rounded, s.
+/// Rounding of two due times together, s.
 const CLOCK_ROUNDING_S: f64 = 2e-9;
-/// Rounding of a position, as a fraction of it: that of the core's guard.
+/// Rounding of a position, as a fraction of it, as in the core's guard.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Checks each setpoint against the last one that was accepted.
@@ -27,9 +27,9 @@ const ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// `v1 - v0` is at most `A h`. This holds for every motion within the limits, however many setpoints are
 /// missing in between.
 ///
-/// The bound grows with the time, so that a jump that persists would be within it after some periods.
-/// Setpoints that continue a refused one are therefore refused too, and with the second setpoint in a row
-/// that cannot be reached all are, until following begins again. One wild setpoint counts as missing.
+/// The bound grows with time, so that a persistent jump would be within it after some periods. Setpoints that
+/// continue a rejected one are therefore rejected too. After the second setpoint in a row that cannot be
+/// reached, all are rejected until following begins again. A single wild setpoint counts as missing.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StepCheck {
     /// The setpoint since the last accepted one that the axes cannot reach.
@@ -38,7 +38,7 @@ pub(crate) struct StepCheck {
 }
 
 impl StepCheck {
-    /// Following begins, or has ended.
+    /// Resets the check when following begins or ends.
     pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
@@ -55,7 +55,7 @@ impl StepCheck {
         }
         let is_reached = reaches(settings, from, to);
         match &self.unreached {
-            // The same again.
+            // A repetition.
             Some(unreached) if to.sequence <= unreached.sequence => return is_reached,
             Some(unreached) if !is_reached || reaches(settings, unreached, to) => {
                 self.is_jumping = true;
@@ -72,7 +72,7 @@ impl StepCheck {
     }
 }
 
-/// Whether the axes can have this velocity and acceleration.
+/// Whether the axes can have the velocity and acceleration of a setpoint.
 fn is_possible(settings: &FollowerSettings, point: &Point) -> bool {
     settings.axes.axes().all(|axis| {
         point.velocity[axis].abs() <= TOLERATED * settings.max_velocity[axis]
@@ -80,7 +80,7 @@ fn is_possible(settings: &FollowerSettings, point: &Point) -> bool {
     })
 }
 
-/// The time from one setpoint to the next by their numbers, with what is tolerated, s.
+/// The time from one setpoint to the next by their sequence numbers, plus the tolerance, s.
 fn longest_s(settings: &FollowerSettings, from: &Point, to: &Point) -> f64 {
     let periods = (to.sequence - from.sequence) as f64;
     (periods + TOLERATED_DELAY) * settings.period_ns as f64 * 1e-9
@@ -90,7 +90,7 @@ fn interval_s(from: &Point, to: &Point) -> f64 {
     to.due_ns.saturating_sub(from.due_ns) as f64 * 1e-9
 }
 
-/// Whether the due times fit the numbers. At rest a pause of the core is none of the axes.
+/// Whether the due times match the sequence numbers. At rest the core may pause.
 fn is_timely(settings: &FollowerSettings, from: &Point, to: &Point) -> bool {
     interval_s(from, to) <= longest_s(settings, from, to) || (from.stands() && to.stands())
 }
@@ -103,7 +103,7 @@ fn reaches(settings: &FollowerSettings, from: &Point, to: &Point) -> bool {
         let [v0, v1] = [from.velocity[axis], to.velocity[axis]];
         let rounding = ROUNDING * p0.abs().max(p1.abs()).max(1.0);
         let step = p1 - p0;
-        // The core's guard stops an axis at the end of its travel, where it is and at once.
+        // The core's guard stops an axis at the end of its travel at once, at its position.
         if to.flags & flags::GUARD != 0 && v1 == 0.0 && step.abs() <= rounding {
             return true;
         }

@@ -9,7 +9,7 @@ use crate::entry::FeedbackBounds;
 use crate::power::{BridgeState, PowerRequest};
 use crate::status_word::DriveState;
 
-/// A bridge that is silent for longer has ended.
+/// Silence after which a bridge counts as ended, ns.
 const LINK_LOST_NS: u64 = 1_000_000_000;
 
 /// Whether a bridge is expected.
@@ -44,7 +44,8 @@ pub struct WatchSettings {
     /// Following error permitted per unit of velocity, s: the bound is the larger of this times the velocity
     /// and the floor.
     pub following_time_s: [f64; AXES],
-    /// How long a velocity counts after it has ended, because the following error decays with a delay, s.
+    /// Time for which a velocity counts after it has ended, because the following error decays with a delay,
+    /// s.
     pub memory_s: f64,
 }
 
@@ -116,11 +117,11 @@ struct Sent {
 /// Compares the feedback with the commands, once per cycle.
 ///
 /// A message that cannot be true ([`FeedbackBounds`]) is never used. Everything else is checked only while
-/// power is requested. From the request on the drives have their time to come into operation; from then on
-/// everything is monitored until power is no longer requested. A bridge begins beside the setpoints and
-/// removes the distance: the drives count as operational once every axis has been within half of its
-/// following error, or when that time has passed. An alarm is not latched here: it is returned in each step
-/// while its cause lasts.
+/// power is requested. After the request the drives have a time limit to come into operation; from then on
+/// everything is monitored until power is no longer requested. A bridge may begin at a distance from the
+/// setpoints and removes it: the drives count as operational once every axis has been within half of its
+/// following error, or when the time limit has passed. An alarm is not latched here: it is returned in each
+/// step while its cause lasts.
 #[derive(Clone, Debug)]
 pub struct FeedbackWatch {
     settings: WatchSettings,
@@ -223,7 +224,7 @@ impl FeedbackWatch {
         }
     }
 
-    /// A constant error within the bound delays operation until the time limit of power on at most.
+    /// A constant error within the bound delays operation at most until the time limit of power-on.
     fn note_arrival(&mut self, now_ns: u64, are_near: bool) {
         if let Phase::Armed {
             since_ns,
@@ -240,8 +241,7 @@ impl FeedbackWatch {
         self.settings.bounds.check(now_ns, feedback).is_ok()
     }
 
-    /// Whether a bridge was heard and its samples are older now than they may be. Messages of nonsense do not
-    /// count.
+    /// Whether a bridge has sent feedback and its samples are too old now. Invalid messages do not count.
     #[must_use]
     pub fn is_silent(&self, now_ns: u64) -> bool {
         self.last.is_some() && now_ns.saturating_sub(self.sampled_ns) > self.settings.stale_ns
@@ -271,7 +271,7 @@ impl FeedbackWatch {
         self.last = Some(*feedback);
     }
 
-    /// Without power only its mechanics limit the motion of an axis: a step beyond that is the encoder's.
+    /// Without power only its mechanics limit the motion of an axis: a larger step is an encoder fault.
     fn watch_steps(&mut self, previous: &Feedback, feedback: &Feedback) {
         let interval_s = feedback.time_ns.saturating_sub(previous.time_ns) as f64 * 1e-9;
         let both = AxisMask::from_bits(previous.axes_mask & feedback.axes_mask);
@@ -481,7 +481,7 @@ impl FeedbackWatch {
             return Ok(false);
         }
         if sent.datum != last.datum {
-            // While homing assigns new coordinates, feedback with the previous ones is under way.
+            // While homing assigns new coordinates, feedback with the previous ones may still arrive.
             let since_ns = *self.datum_since_ns.get_or_insert(now_ns);
             if now_ns.saturating_sub(since_ns) > self.settings.stale_ns {
                 return Err(DriveAlarm::Datum {

@@ -1,4 +1,4 @@
-//! What the cycle and a bridge call once a period does not allocate: counted, not believed.
+//! Counts the allocations of all functions that the cycle and a bridge call once per period: there are none.
 
 use evolvent_counting::calls;
 use evolvent_drive::{
@@ -55,7 +55,7 @@ fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
             power_request: PowerRequest::On.number(),
             ..Setpoint::default()
         };
-        // Gaps, silence, and everything that then goes wrong.
+        // Gaps, silence, and their consequences.
         if cycle % 3000 < 2500 {
             let _refused = follower.offer(now_ns, &setpoint);
         }
@@ -69,7 +69,7 @@ fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
             Braking::default(),
         );
         drive.step(order.control_word, events);
-        // The beam passes both switches, is homed, and comes apart in the end.
+        // The beam passes both switches, is homed, and finally exceeds the permitted difference.
         let height = 1.0 - (cycle % 4000) as f64 * 1e-3;
         gantry.step(&GantryInputs {
             is_enabled: cycle > 50,
@@ -134,7 +134,7 @@ fn a_period_of_a_spindle_allocates_nothing() {
         encoder.read(raw, now_ns);
         match period % 100 {
             10 => encoder.set_armed(),
-            // Pulses that are where they should not be.
+            // Pulses at wrong positions.
             60 => encoder.latch(raw.wrapping_sub(5)),
             90 => encoder.reset(),
             _ => {}

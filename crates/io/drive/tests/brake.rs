@@ -1,4 +1,4 @@
-//! Braking: within the limits, to rest, and no later than can be.
+//! Braking: within the limits, to rest, in the minimum time.
 
 use evolvent_drive::{Brake, BrakeState};
 use evolvent_random::Random;
@@ -35,7 +35,7 @@ fn every_brake_keeps_its_limits_and_ends_at_rest() {
             assert!(jump <= jerk * dt * (1.0 + 1e-9) + 1e-6, "{start:?}");
             before = now;
         }
-        // Just before the end nothing is left but rounding: the end is not forced.
+        // Just before the end only rounding is left: the end is not forced.
         let almost = brake.at(end * (1.0 - 1e-9));
         assert!(
             almost.velocity.abs() < 1e-4 * (1.0 + start.velocity.abs()),
@@ -49,8 +49,8 @@ fn every_brake_keeps_its_limits_and_ends_at_rest() {
     }
 }
 
-/// With the jerk all but unlimited the way is v^2 / 2a; with the acceleration unlimited the time is 2 sqrt(v
-/// / j).
+/// With an almost unlimited jerk the distance is v^2 / 2a; with an unlimited acceleration the time is 2
+/// sqrt(v / j).
 #[test]
 fn distances_and_times_are_those_of_the_textbook() {
     let start = BrakeState {
@@ -94,7 +94,7 @@ fn nonsense_stands_still() {
     }
 }
 
-/// The acceleration is beyond the limit already: it is brought back as the velocity is, and both end at zero
+/// The acceleration already exceeds the limit: it is reduced together with the velocity, and both reach zero
 /// together.
 #[test]
 fn a_brake_that_begins_beyond_its_limit_ends_at_rest_all_the_same() {

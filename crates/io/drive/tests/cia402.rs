@@ -1,11 +1,11 @@
-//! CiA 402 against the tables of the standard, written here as the standard prints them.
+//! CiA 402 compared with the tables of the standard, written here as the standard prints them.
 
 use evolvent_drive::{
     Braking, CYCLIC_SYNCHRONOUS_POSITION, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest,
     QuickStopOption, control,
 };
 
-/// The table of status words: bit 15 to bit 0, `x` where the bit says nothing about the state.
+/// The table of status words: bit 15 to bit 0, `x` for bits that do not depend on the state.
 const STATUS_WORDS: [(DriveState, &str); 8] = [
     (DriveState::NotReadyToSwitchOn, "xxxx xxxx x0xx 0000"),
     (DriveState::SwitchOnDisabled, "xxxx xxxx x1xx 0000"),
@@ -65,7 +65,7 @@ const COMMANDS: [(&str, &str); 7] = [
     ("enable operation", "0xxx 1111"),
 ];
 
-/// Which command leads from where to where: number of the transition, from, command, to.
+/// The transitions: number, initial state, command, final state.
 const TRANSITIONS: [(u8, DriveState, &str, DriveState); 15] = {
     use DriveState::{
         OperationEnabled as OE, QuickStopActive as QSA, ReadyToSwitchOn as RTSO, SwitchOnDisabled as SOD,
@@ -90,7 +90,7 @@ const TRANSITIONS: [(u8, DriveState, &str, DriveState); 15] = {
     ]
 };
 
-/// A drive in a state, reached by control words alone.
+/// A drive in a state that it has reached by control words alone.
 fn drive_in(state: DriveState, option: QuickStopOption) -> DriveMachine {
     let ready = DriveEvents {
         ready: true,
@@ -244,7 +244,7 @@ struct Pair {
     controller: Cia402,
     drive: DriveMachine,
     events: DriveEvents,
-    /// None without a core.
+    /// `None` without a core.
     resets: Option<u32>,
     braking: Braking,
 }
@@ -341,7 +341,7 @@ fn one_growth_of_the_counter_is_one_edge() {
         })
         .collect();
     assert_eq!(words, [0, 0x80, 0, 0, 0x80, 0, 0x80, 0, 0x80, 0]);
-    // What was asked for while there was no fault resets none that comes later.
+    // A reset requested without a fault does not reset a later fault.
     controller.step(
         DriveState::SwitchOnDisabled.code(),
         PowerRequest::Off,
@@ -362,8 +362,7 @@ fn one_growth_of_the_counter_is_one_edge() {
 fn the_counter_of_another_core_is_no_request() {
     let mut controller = Cia402::new();
     let fault = DriveState::Fault.code();
-    // A core that has counted before, a restart from 0, and one without a period in between; then a growth
-    // past the end.
+    // A core with an earlier count, a restart from 0, and one without a period in between; then an overflow.
     let counts = [
         None,
         Some(3),
@@ -389,14 +388,14 @@ fn a_quick_stop_ends_without_torque_and_locks_out_until_another_request() {
     pair.run(PowerRequest::On, 5);
     pair.events.at_rest = false;
     assert_eq!(pair.run(PowerRequest::QuickStop, 3), DriveState::QuickStopActive);
-    // Asked for power while it brakes: first the stop, then off.
+    // Power requested while it brakes: first the stop, then off.
     assert_eq!(pair.run(PowerRequest::On, 200), DriveState::QuickStopActive);
     pair.events.at_rest = true;
     assert_eq!(pair.run(PowerRequest::On, 2), DriveState::SwitchOnDisabled);
     assert_eq!(pair.run(PowerRequest::On, 50), DriveState::SwitchOnDisabled);
 }
 
-/// A core that is silent for a moment while drives come into operation has not requested *off*.
+/// A core that is silent briefly while the drives come into operation has not requested *off*.
 #[test]
 fn power_that_is_off_without_a_core_unlocks_nothing() {
     let mut pair = Pair::new();
@@ -416,7 +415,7 @@ fn power_that_is_off_without_a_core_unlocks_nothing() {
 fn power_off_does_not_cut_the_ramp_of_a_drive_that_brakes() {
     for end in [
         |pair: &mut Pair| pair.events.at_rest = true,
-        // A drive that stays in quick stop active (605Ah 5 to 8) is seen to stand by its position.
+        // For a drive that stays in quick stop active (605Ah 5 to 8), standstill is detected by its position.
         |pair: &mut Pair| pair.braking.is_standing = Some(true),
     ] {
         let mut pair = Pair::new();
@@ -432,7 +431,7 @@ fn power_off_does_not_cut_the_ramp_of_a_drive_that_brakes() {
     }
 }
 
-/// A drive that does not stop, or whose speed nobody knows, loses its voltage in the end.
+/// A drive that does not stop, or whose speed is unknown, finally loses its voltage.
 #[test]
 fn a_drive_that_never_stops_loses_its_voltage_after_two_seconds() {
     for is_standing in [None, Some(false)] {
@@ -440,7 +439,7 @@ fn a_drive_that_never_stops_loses_its_voltage_after_two_seconds() {
         pair.run(PowerRequest::On, 5);
         pair.events.at_rest = false;
         pair.braking.is_standing = is_standing;
-        // The request itself has no end.
+        // The request itself has no time limit.
         assert_eq!(
             pair.run(PowerRequest::QuickStop, 5000),
             DriveState::QuickStopActive

@@ -1,4 +1,4 @@
-//! Feedback at entry: random bits in every field, judged by what the contract says of the field.
+//! Feedback at entry: random bits in every field, judged by the contract.
 
 use evolvent_drive::{DriveAlarm, FeedbackBounds};
 use evolvent_path::AxisMask;
@@ -42,7 +42,7 @@ impl AnyMagnitude for Random {
         self.bits() >> shift
     }
 
-    /// Any bit pattern, or a number that an axis may well have.
+    /// Any bit pattern, or a plausible number.
     fn real(&mut self) -> f64 {
         match self.bits() % 3 {
             0 => f64::from_bits(self.bits()),
@@ -52,7 +52,7 @@ impl AnyMagnitude for Random {
     }
 }
 
-/// What the contract says of the fields, in other words than the code.
+/// The contract of the fields, independent of the code.
 fn can_be_true(feedback: &Feedback) -> bool {
     let axes: Vec<usize> = (0..3)
         .filter(|axis| feedback.axes_mask & (1 << axis) > 0)

@@ -1,4 +1,4 @@
-//! A bridge's way from setpoints to targets: what is missing, late, wrong, or from another core.
+//! A bridge's conversion of setpoints to targets: missing, late, wrong ones, and those of another core.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
@@ -57,8 +57,7 @@ fn setpoint(cycle: u64) -> Setpoint {
     }
 }
 
-/// A follower with ideal drives behind it; offers each setpoint two periods before it is due and keeps all
-/// targets.
+/// A follower with ideal drives. Offers each setpoint two periods before it is due and keeps all targets.
 struct Bench {
     follower: Follower,
     now_ns: u64,
@@ -87,7 +86,7 @@ impl Bench {
         target
     }
 
-    /// Runs cycles from `from` to before `to`, with some left out.
+    /// Runs the cycles `from..to`, with some setpoints left out.
     fn run(&mut self, from: u64, to: u64, missing: impl Fn(u64) -> bool) -> Target {
         let mut last = None;
         for cycle in from..to {
@@ -96,7 +95,7 @@ impl Bench {
         last.expect("cycles")
     }
 
-    /// The largest velocity, acceleration and jerk over the targets, as shares of the limits.
+    /// The maximum velocity, acceleration and jerk over the targets, as fractions of the limits.
     fn shares(&self) -> [f64; 3] {
         let mut shares = [0.0_f64; 3];
         for axis in 0..2 {
@@ -126,7 +125,7 @@ fn complete_setpoints_are_followed_to_the_bit_at_their_due_times_and_exactly_in_
         }
     }
     assert_eq!((bench.follower.missed(), bench.follower.note()), (0, Note::None));
-    // A drive whose clock runs a third of a period behind gets what lies between two setpoints.
+    // A drive whose clock is late by a third of a period gets targets between two setpoints.
     let mut follower = Follower::new(settings()).expect("limits");
     let mut worst = 0.0_f64;
     for cycle in 0..400 {
@@ -163,8 +162,7 @@ fn a_few_missing_setpoints_are_bridged_within_a_hair() {
         for (i, target) in bench.targets.iter().enumerate().skip(10) {
             let true_position = setpoint(i as u64 - 1).position;
             for axis in 0..2 {
-                // Jerk times time cubed over six: the motion's 20 000 mm/s3 and that of the fading, over 4
-                // ms.
+                // Jerk times time cubed over six: the motion's 20 000 mm/s3 and that of the decay, over 4 ms.
                 let off = (target.position[axis] - true_position[axis]).abs();
                 assert!(off < (20_000.0 + LIMITS[2]) * 4e-3_f64.powi(3) / 6.0, "{i} {off}");
             }
@@ -173,8 +171,8 @@ fn a_few_missing_setpoints_are_bridged_within_a_hair() {
     }
 }
 
-/// 50 random moments: silence for ever. The axes go on for the bridged periods, brake within the limits, and
-/// stay.
+/// The setpoints end at 50 random moments. The axes continue for the bridged periods, brake within the
+/// limits, and hold.
 #[test]
 fn silence_at_any_moment_ends_at_rest_within_the_limits_and_never_goes_on_without_bound() {
     let mut random = Random::new();
@@ -186,7 +184,7 @@ fn silence_at_any_moment_ends_at_rest_within_the_limits_and_never_goes_on_withou
         assert_eq!(last.state, BridgeState::Holding, "{end}");
         assert_eq!(last.velocity, [0.0; AXES]);
         assert_eq!(bench.follower.note(), Note::Silence);
-        // Way: bridged periods at the speed of then, and a brake from the largest speed.
+        // Distance: bridged periods at the present speed, plus a brake from the maximum speed.
         let shares = bench.shares();
         // 1 % for differences of positions.
         assert!(shares.iter().all(|share| *share <= 1.01), "{end}: {shares:?}");
@@ -207,7 +205,7 @@ fn a_bridge_that_was_kept_from_running_brakes_from_its_last_target_instead_of_ju
         let mut bench = Bench::new();
         bench.run(0, 300, |_| false);
         let before = bench.targets.len();
-        // The core goes on meanwhile, and the setpoints wait.
+        // The core continues meanwhile, and the setpoints wait.
         for cycle in 300..300 + pause {
             let _noted = bench.follower.offer(bench.now_ns, &setpoint(cycle));
         }
@@ -235,11 +233,11 @@ fn after_a_pause_following_begins_again_only_where_the_axes_stand() {
     bench.run(0, 200, |_| false);
     bench.run(200, 600, |_| true);
     let held = bench.actual;
-    // The core goes on as if nothing had happened.
+    // The core continues as if nothing had happened.
     let target = bench.run(600, 700, |_| false);
     assert_eq!((target.state, target.position), (BridgeState::Holding, held));
     assert_eq!(bench.follower.note(), Note::Jump);
-    // It comes to the machine instead, at rest.
+    // It adapts to the machine instead, at rest.
     for cycle in 700..720 {
         let mut here = setpoint(cycle);
         (here.position, here.velocity, here.acceleration) = (held, [0.0; AXES], [0.0; AXES]);
@@ -259,14 +257,14 @@ fn a_jump_is_refused_and_what_follows_it_too() {
     wild.position[0] += 3.0;
     assert_eq!(bench.follower.offer(bench.now_ns, &wild), Err(Rejection::Jump));
     assert_eq!(bench.follower.note(), Note::Jump);
-    // One wild setpoint among good ones is as one that is missing.
+    // A single wild setpoint among good ones counts as missing.
     bench.cycle(None);
     bench.run(101, 200, |_| false);
     assert_eq!(
         bench.targets.last().map(|target| target.state),
         Some(BridgeState::Following)
     );
-    // From here on all are off: the axes brake and hold.
+    // From here on all are wrong: the axes brake and hold.
     for cycle in 200..400 {
         let mut off = setpoint(cycle);
         off.position[0] += 30.0;
@@ -280,7 +278,7 @@ fn a_jump_is_refused_and_what_follows_it_too() {
     assert!(shares.iter().all(|share| *share <= 1.01), "{shares:?}");
 }
 
-/// Setpoints arrive two periods before they are due: the one that comes in the period in which following
+/// Setpoints arrive two periods before they are due: the one that arrives in the period in which following
 /// starts was not checked.
 #[test]
 fn a_jump_that_was_queued_before_the_drives_came_into_operation_is_refused_too() {
@@ -309,7 +307,7 @@ fn a_jump_that_was_queued_before_the_drives_came_into_operation_is_refused_too()
             has_noted |= bench.follower.note() == Note::Jump;
         }
         assert!(has_noted && bench.follower.missed() > 0);
-        // One is bridged; many stop the axes, and the setpoints after them are where the axes are.
+        // One is bridged; many stop the axes, and the setpoints after them are at the positions of the axes.
         let has_held = bench.targets[20..]
             .iter()
             .any(|target| target.state == BridgeState::Holding);
@@ -319,7 +317,7 @@ fn a_jump_that_was_queued_before_the_drives_came_into_operation_is_refused_too()
     }
 }
 
-/// Numbers that are finite, and due times in order, from which no axis can move as they say.
+/// Finite numbers and increasing due times that no axis can follow.
 #[test]
 fn accelerations_and_due_times_that_are_impossible_are_refused() {
     let (begin, until) = (100, 160);
@@ -374,7 +372,7 @@ fn numbers_that_are_none_times_long_past_and_far_ahead_and_repetitions_change_no
         bench.follower.offer(bench.now_ns, &bad),
         Err(Rejection::NotFinite)
     );
-    // An axis that the machine has not may say anything.
+    // Axes that the machine does not have may have any value.
     let mut other = good;
     other.position[5] = f64::INFINITY;
     assert_eq!(bench.follower.offer(bench.now_ns, &other), Ok(()));
@@ -397,7 +395,7 @@ fn numbers_that_are_none_times_long_past_and_far_ahead_and_repetitions_change_no
 }
 
 /// A core dies in mid-motion and another starts at zero: the axes brake, under torque although the new core
-/// asks for none yet, and then do what it asks.
+/// does not request it yet, and then follow its request.
 #[test]
 fn another_core_stops_the_motion_of_the_one_before_within_the_limits() {
     let mut bench = Bench::new();
@@ -531,7 +529,7 @@ fn settings_that_are_none_are_named() {
     ));
 }
 
-/// 35 kHz: the core sends nothing for 1.5 ms in motion, then what it has missed, and a scheduling pause of
+/// 35 kHz: the core sends nothing for 1.5 ms in motion, then the missed setpoints, and a scheduling pause of
 /// that length stops no axis.
 #[test]
 fn a_pause_of_the_host_at_a_high_rate_does_not_stop_the_axes() {

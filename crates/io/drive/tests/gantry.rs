@@ -1,6 +1,6 @@
 //! A beam with two motors and two switches, homed as the core does it: at random racks, with switches that
-//! bounce or never close, and with power lost at random moments. Its motors follow at once, so what is wrong
-//! is the squaring.
+//! bounce or never close, and with power lost at random moments. Its motors follow at once, so every error is
+//! one of the squaring.
 
 #![expect(clippy::panic, reason = "helpers of tests fail as tests do")]
 
@@ -31,7 +31,7 @@ struct Beam {
     hysteresis: f64,
     closed: [bool; 2],
     never: [bool; 2],
-    /// For how many periods after its edge a switch bounces.
+    /// Number of periods for which a switch bounces after its edge.
     bounce: u32,
     since_edge: [u32; 2],
 }
@@ -60,11 +60,11 @@ struct Trial {
     beam: Beam,
     gantry: Gantry,
     settings: GantrySettings,
-    /// Names of the motors: coordinate minus true position.
+    /// Offsets of the motors: coordinate minus true position.
     offset: [f64; 2],
     setpoint: f64,
     velocity: f64,
-    /// Commands on their way.
+    /// Commands not in effect yet.
     queue: std::collections::VecDeque<(f64, f64)>,
     is_enabled: bool,
     power: PowerRequest,
@@ -117,7 +117,7 @@ impl Trial {
         self.is_enabled = true;
     }
 
-    /// One period of bridge and beam; the position and the home switch of the feedback.
+    /// Runs one period of bridge and beam. Returns position and home switch of the feedback.
     fn period(&mut self, setpoint: f64, velocity: f64) -> (f64, bool) {
         let switches = self.beam.read();
         let position = self.coordinates();
@@ -136,7 +136,7 @@ impl Trial {
                 let target = setpoint + self.gantry.offset(side) - self.offset[side];
                 let before = self.beam.motor[side];
                 self.beam.motor[side] = (target / STEP).round() * STEP;
-                // Squaring is beside the motion of the axis, and neither jumps.
+                // Squaring adds to the motion of the axis, and neither jumps.
                 let fastest = velocity.abs() + self.settings.square_velocity + ACCELERATION * PERIOD_S;
                 let moved = (self.beam.motor[side] - before).abs();
                 assert!(
@@ -148,7 +148,7 @@ impl Trial {
         shown
     }
 
-    /// One period of the core, which goes to `goal` at `speed`, or stops.
+    /// Runs one period of the core, which moves to `goal` at `speed`, or stops.
     fn core(&mut self, goal: Option<f64>, speed: f64) -> (f64, bool) {
         let left = goal.map_or(0.0, |goal| goal - self.setpoint);
         let most = speed
@@ -165,7 +165,7 @@ impl Trial {
         shown
     }
 
-    /// The core has no reason for an alarm, whatever moves beside its commands.
+    /// Asserts that the core raises no alarm because of the squaring motion.
     fn monitor(&mut self, position: f64) {
         self.cycle += 1;
         let mut setpoint = Setpoint {
@@ -205,7 +205,8 @@ impl Trial {
         Some(shown)
     }
 
-    /// Goes on until the home switch is as `closed`; the position then. None where the gantry has failed.
+    /// Moves until the home switch has the state `closed`. Returns the position then, or `None` if the gantry
+    /// has failed.
     fn until(&mut self, closed: bool, way: f64, speed: f64, max_periods: u32) -> Option<f64> {
         let goal = self.setpoint + way;
         for _ in 0..max_periods {
@@ -219,7 +220,7 @@ impl Trial {
         panic!("the switch does not become {closed}");
     }
 
-    /// Search, back off, second approach, zero, home: `None` where the gantry has failed.
+    /// Search, back off, second approach, zero, home. Returns `None` if the gantry has failed.
     fn home(&mut self) -> Option<()> {
         if !self.stop()?.1 {
             self.until(true, -1000.0, SEARCH, 10_000)?;
@@ -241,7 +242,7 @@ impl Trial {
         Some(())
     }
 
-    /// How far the beam is from square, and the axis from what its coordinate says.
+    /// Errors of the beam's squareness and of the axis's coordinate.
     fn errors(&self) -> (f64, f64) {
         let [first, second] = self.beam.motor;
         let true_coordinate = first - self.beam.switch[0] + REFERENCE;
@@ -263,7 +264,7 @@ fn random_trial(random: &mut Random, rack: f64) -> Trial {
         since_edge: [u32::MAX; 2],
     };
     let settings = GantrySettings {
-        // Both edges receive the same name.
+        // Both edges receive the same coordinate.
         squaring_offset: switch[0] - switch[1],
         max_difference: 1.2,
         square_velocity: random.between(0.5, 5.0),
@@ -271,7 +272,7 @@ fn random_trial(random: &mut Random, rack: f64) -> Trial {
     Trial::new(beam, settings)
 }
 
-/// A step of each motor, and the way of a period at which each edge is seen.
+/// A step of each motor, plus the distance of the period in which each edge is seen.
 const SQUARE: f64 = 2.0 * STEP + LATCH * PERIOD_S;
 
 #[test]
@@ -288,7 +289,7 @@ fn a_beam_is_square_after_homing_whatever_its_rack() {
         assert!(square.abs() <= SQUARE, "rack {rack}: {square} mm from square");
         // Its zero is the edge of the first switch, whichever came first.
         assert!(zero.abs() <= SQUARE, "rack {rack}: zero is {zero} mm off");
-        // Homed again it finds the same.
+        // Homed again, it finds the same zero.
         trial.home().expect("no fault");
         assert!(trial.errors().0.abs() <= SQUARE && trial.errors().1.abs() <= SQUARE);
     }
@@ -307,13 +308,14 @@ fn a_beam_that_is_racked_too_far_is_not_squared() {
             (second - first - rack).abs() < 2.0 * STEP,
             "nothing was moved by {rack}"
         );
-        // The side that came first is not farther beyond its switch than permitted, and the way of a period.
+        // The first side is beyond its switch by at most the permitted difference plus the distance of a
+        // period.
         let beyond = (0..2).map(|side| trial.beam.switch[side] - trial.beam.motor[side]);
-        // A period until its edge is seen, and one until the other is missed.
+        // One period until its edge is seen, and one until the other is found missing.
         let most =
             trial.settings.max_difference + trial.settings.squaring_offset.abs() + 2.0 * SEARCH * PERIOD_S;
         assert!(beyond.fold(0.0, f64::max) <= most + 2.0 * STEP);
-        // Until power is off, then it can leave the switch.
+        // The fault persists until power is off; then the axis can leave the switch.
         assert!(trial.gantry.fault().is_some());
         trial.switch_off();
         assert!(trial.gantry.fault().is_none());
@@ -330,7 +332,7 @@ fn a_switch_that_never_closes_is_named() {
             trial.beam.never[side] = true;
             assert_eq!(trial.home(), None);
             assert_eq!(trial.gantry.fault(), Some(GantryFault::SwitchMissing { side }));
-            // From where it stands now the other switch is closed: the axis leaves it first.
+            // At the present position the other switch is closed: the axis leaves it first.
             trial.switch_off();
             trial.switch_on();
             trial.beam.never[side] = false;
@@ -340,7 +342,7 @@ fn a_switch_that_never_closes_is_named() {
     }
 }
 
-/// Power is lost somewhere on the way, the beam twists a little, and the axis is homed again.
+/// Power is lost at some moment, the beam twists slightly, and the axis is homed again.
 #[test]
 fn power_that_is_lost_at_any_moment_leaves_no_error() {
     let mut random = Random::seeded(75);
@@ -385,7 +387,8 @@ fn only_homing_of_this_axis_squares_it() {
     }
 }
 
-/// Encoders that know where the motors are: squaring begins where they are and goes to the offset evenly.
+/// Absolute encoders: squaring begins at the positions of the motors and moves to the offset at constant
+/// velocity.
 #[test]
 fn true_coordinates_are_squared_when_power_comes() {
     let mut gantry = Gantry::new(GantrySettings {
@@ -417,8 +420,8 @@ fn true_coordinates_are_squared_when_power_comes() {
     assert_eq!(gantry.fault(), None);
 }
 
-/// Home switches that are limit switches as well: the side that came first does not stop the axis before the
-/// other is there.
+/// Home switches that are limit switches as well: the first side does not stop the axis before the other
+/// reaches its switch.
 #[test]
 fn the_limit_of_the_side_that_came_first_is_hidden_in_its_direction_until_both_have_closed() {
     let mut gantry = Gantry::new(GantrySettings {

@@ -1,4 +1,4 @@
-//! Inputs at entry: what is wrong is refused and named, and what is old is unknown.
+//! Inputs at entry: invalid messages are refused with their fault, and old inputs are unknown.
 
 use evolvent_drive::{InputEntry, InputFault, KnownInputs};
 use evolvent_wire::MachineInputs;

@@ -1,4 +1,4 @@
-//! Two machines of other tests: a mill, and a heavy one of 0.01 g.
+//! Two machines for other tests: a mill, and a heavy one with 0.01 g.
 
 use evolvent_drive::{FollowerSettings, bridge_cycles};
 use evolvent_path::AxisMask;

@@ -16,6 +16,6 @@ mod step_check;
 mod watch;
 mod watch_bench;
 
-// It counts by thread, so that tests beside each other do not count together.
+// It counts per thread, so that parallel tests do not affect each other.
 #[global_allocator]
 static ALLOCATOR: evolvent_counting::CountingAllocator = evolvent_counting::CountingAllocator;

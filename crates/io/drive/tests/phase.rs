@@ -1,4 +1,4 @@
-//! The phase lock: how far, how fast, how steadily, with drift, jitter and old feedback.
+//! The phase lock: range, speed and steadiness, with drift, jitter and delayed feedback.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use evolvent_drive::{MAX_CORRECTION_RATIO, PhaseLock, PhaseSettings};
 use evolvent_random::Random;
 
-/// Cycles until the drift is known to a tenth for good, where the errors come with every `row`th cycle only.
+/// Cycles until the drift stays known to a tenth, if errors arrive only every `row`th cycle.
 fn cycles_to_the_drift(row: usize, delay: usize) -> usize {
     const PERIOD_NS: u64 = 28_571;
     const DRIFT: f64 = 100e-6;
@@ -31,8 +31,8 @@ fn cycles_to_the_drift(row: usize, delay: usize) -> usize {
     known_from.expect("the drift is never found")
 }
 
-/// At 35 kHz the loop computes nine cycles in a row, with feedback in the first of them. By the loop's equation nothing but the
-/// delay of up to a row is added; an integral per error would take several times as long.
+/// At 35 kHz the loop computes nine cycles in a row, with feedback in the first of them. By the loop's
+/// equation this adds only the delay of up to a row; an integral per error would take several times as long.
 #[test]
 fn errors_once_a_row_find_the_drift_as_soon_as_errors_once_a_cycle() {
     for delay in [20, 80] {
@@ -48,7 +48,7 @@ fn errors_once_a_row_find_the_drift_as_soon_as_errors_once_a_cycle() {
     }
 }
 
-/// An error that comes after a long silence does not stand for all of it.
+/// An error after a long silence does not apply to all of it.
 #[test]
 fn an_error_after_silence_counts_for_the_delay_at_most() {
     let settings = PhaseSettings {
@@ -69,7 +69,7 @@ fn an_error_after_silence_counts_for_the_delay_at_most() {
 }
 
 struct Run {
-    /// Phase errors in ns, one a cycle.
+    /// Phase errors in ns, one per cycle.
     errors: Vec<f64>,
     corrections: Vec<i64>,
 }
@@ -147,8 +147,8 @@ fn drift_of_200_ppm_is_taken_out_from_half_a_period_away() {
     }
 }
 
-/// What is left when the lock says that it has settled: computed beside this test, with real numbers, at most 1.2e-4 of a period and
-/// 0.27 ppm for these delays, from half a period away.
+/// The remainder when the lock reports that it has settled: computed independently, with real numbers, at
+/// most 1.2e-4 of a period and 0.27 ppm for these delays, from half a period away.
 #[test]
 fn a_lock_that_has_settled_knows_drift_and_phase() {
     for (period_ns, delay) in [(125_000, 4), (2_000_000, 20), (2_000_000, 62)] {
@@ -186,10 +186,10 @@ fn a_lock_that_has_settled_knows_drift_and_phase() {
     }
 }
 
-/// From half a period away at a thousandth a cycle 500 cycles go by before anything can be settled; anti-windup keeps the
-/// overshoot behind that small. By the loop's equation: saturation ends at an error of 50 us with the full speed of 1 us a
-/// cycle, from where a critically damped loop of 0.01 a cycle overshoots by 50 us / e^2 = 6.8 us, 1.4 % of the start. An integral
-/// that was wound up to the limit would give 7 %.
+/// From half a period away at a thousandth per cycle, 500 cycles pass before the lock can settle; anti-windup
+/// keeps the overshoot after that small. By the loop's equation: saturation ends at an error of 50 us with
+/// the full speed of 1 us a cycle, from where a critically damped loop of 0.01 a cycle overshoots by 50 us /
+/// e^2 = 6.8 us, 1.4 % of the start. An integral wound up to the limit would give 7 %.
 #[test]
 fn saturation_does_not_wind_the_integral_up() {
     let period_ns = 1_000_000;
@@ -234,8 +234,8 @@ fn without_news_the_drift_that_was_found_is_kept() {
     assert!((error - before).abs() < 20_000.0, "{}", error - before);
 }
 
-/// A delay of 4 cycles gives w = 0.01: an error of 20 ns corrects by 2 w of it, 0.4 ns a cycle, until the 4 / w = 400th cycle without
-/// news; what is left then is the integral, w^2 of 20 ns.
+/// A delay of 4 cycles gives w = 0.01: an error of 20 ns is corrected by 2 w of it, 0.4 ns per cycle, until
+/// the 4 / w = 400th cycle without an error; after that only the integral is left, w^2 of 20 ns.
 #[test]
 fn parts_of_a_ns_add_up_and_a_correction_without_news_ends() {
     let mut lock = PhaseLock::new(PhaseSettings {
@@ -243,7 +243,7 @@ fn parts_of_a_ns_add_up_and_a_correction_without_news_ends() {
         delay_cycles: 4,
         target_ns: 500,
     });
-    // Nothing is wanted but the target.
+    // At the target no correction is needed.
     assert_eq!((0..100).map(|_| lock.step(Some(500))).sum::<i64>(), 0);
     assert_eq!(lock.drift_ratio(), 0.0);
     let first = lock.step(Some(520));

@@ -5,14 +5,14 @@ use evolvent_random::Random;
 /// A motion of one axis with random changes of velocity.
 pub(crate) struct RandomMotion {
     limits: [f64; 3],
-    /// Acceleration changes at once, as at a joint of exact-path mode.
+    /// Acceleration changes in steps, as at a joint of exact-path mode.
     has_steps: bool,
     state: [f64; 3],
     wanted: f64,
 }
 
 impl RandomMotion {
-    /// At rest at a position. `has_steps`: acceleration changes at once.
+    /// Starts at rest at a position. `has_steps`: acceleration changes in steps.
     pub(crate) fn from_rest(position: f64, limits: [f64; 3], has_steps: bool) -> Self {
         Self {
             limits,
@@ -35,8 +35,8 @@ impl RandomMotion {
         }
         let [p, v, a] = self.state;
         let left = self.wanted - v;
-        // As much acceleration as leaves time to bring it to zero, and as brings the velocity there in one
-        // period.
+        // The acceleration that leaves time to reduce it to zero, and at most the one that reaches the
+        // velocity in one period.
         let aim = most_a.min((most_j * left.abs()).sqrt()).min(left.abs() / t) * left.signum();
         let j = if self.has_steps {
             self.state[2] = aim;

@@ -1,5 +1,5 @@
-//! A change of datum is a change of names: whatever is lost, late or switched off around it, no axis moves
-//! for it, and bridge and core have the same coordinates afterwards or know that they have not.
+//! A change of datum changes coordinates only: whatever is lost, late or switched off around it, no axis
+//! moves because of it, and bridge and core have the same coordinates afterwards or know that they have not.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
@@ -15,7 +15,8 @@ const PERIOD_S: f64 = 1e-3;
 const BRIDGED: u32 = 10;
 const LEAD: u64 = 2;
 const SYNC: f64 = 0.02;
-/// Of the core's motion: half its largest velocity over its angular velocity, mm, and that, rad/s.
+/// The core's motion: half its maximum velocity divided by its angular velocity, mm, and the angular
+/// velocity, rad/s.
 const SIZE: f64 = 0.5;
 const TURN: f64 = 60.0;
 
@@ -36,12 +37,12 @@ fn follower() -> Follower {
 struct Bench {
     follower: Follower,
     now_ns: u64,
-    /// Where the motor is: nothing renames it.
+    /// True position of the motor.
     motor: f64,
-    /// Coordinate less position of the motor.
+    /// Coordinate minus position of the motor.
     offset: f64,
     is_enabled: bool,
-    /// The longest way of the motor, per period that passed.
+    /// Maximum distance of the motor per elapsed period.
     longest: f64,
     last: Option<Target>,
 }
@@ -59,7 +60,7 @@ impl Bench {
         }
     }
 
-    /// The bridge's next period, after it was kept from running for some.
+    /// Runs the bridge after `periods` periods; it was suspended in the earlier ones.
     fn step(&mut self, periods: u64) -> Target {
         self.now_ns += periods * PERIOD_NS;
         let mut actual = [0.0; AXES];
@@ -100,7 +101,7 @@ fn at_rest(sequence: u64, position: f64, datum: u64) -> Setpoint {
     setpoint
 }
 
-/// Runs to where the bridge follows at rest; the number of the next setpoint.
+/// Runs until the bridge follows at rest. Returns the number of the next setpoint.
 fn following(bench: &mut Bench) -> u64 {
     for sequence in 0..20 {
         bench.offer(&at_rest(sequence, 0.0, 0));
@@ -113,7 +114,7 @@ fn following(bench: &mut Bench) -> u64 {
     20
 }
 
-/// The setpoint with the new datum comes some periods late, or those before it are lost.
+/// The setpoint with the new datum is some periods late, or those before it are lost.
 #[test]
 fn a_datum_that_is_late_or_follows_lost_setpoints_moves_nothing() {
     for silent in 1..u64::from(BRIDGED) {
@@ -127,7 +128,7 @@ fn a_datum_that_is_late_or_follows_lost_setpoints_moves_nothing() {
                 assert_eq!(bridges.state, BridgeState::Bridging);
             }
             for sequence in first..first + 40 {
-                // Those that come too late catch up.
+                // Late setpoints catch up.
                 if !is_lost || sequence >= first + silent {
                     bench.offer(&renamed(sequence));
                 }
@@ -170,7 +171,7 @@ fn a_bridge_that_was_suspended_across_a_change_of_datum_brakes_where_it_is() {
     );
 }
 
-/// An emergency stop between the order to rename and its setpoint.
+/// An emergency stop between the change of datum and its setpoint.
 #[test]
 fn drives_that_have_lost_power_are_renamed_too() {
     let mut bench = Bench::new();
@@ -186,7 +187,7 @@ fn drives_that_have_lost_power_are_renamed_too() {
     assert_eq!(bench.last.map(|target| target.datum), Some(1));
 }
 
-/// Two axes homed after each other, their setpoints come due in one period.
+/// Two axes homed one after the other, whose setpoints are due in the same period.
 #[test]
 fn two_changes_in_one_period_add_up() {
     let mut bench = Bench::new();
@@ -199,8 +200,7 @@ fn two_changes_in_one_period_add_up() {
     assert!(bench.motor.abs() < 1e-9);
 }
 
-/// A core that has started again knows no datum before it has heard the bridge, and then stands where the
-/// drives are.
+/// A restarted core knows no datum before it receives feedback, and then takes the position of the drives.
 #[test]
 fn a_core_that_takes_over_the_bridges_datum_renames_nothing() {
     let mut bench = Bench::new();
@@ -225,8 +225,7 @@ fn a_core_that_takes_over_the_bridges_datum_renames_nothing() {
     assert_eq!((target.state, target.datum), (BridgeState::Following, 3));
 }
 
-/// The setpoint before the new datum never came, and axes without power may have been moved: the amount is
-/// not known.
+/// The setpoint before the new datum was lost, and axes without power may have moved: the amount is unknown.
 #[test]
 fn a_change_by_an_unknown_amount_is_another_instance() {
     let mut bench = Bench::new();
@@ -244,20 +243,20 @@ fn a_change_by_an_unknown_amount_is_another_instance() {
     assert_ne!(target.instance(77), before);
 }
 
-/// A core as far as renaming goes: it moves, homes, loses power when the bridge does not follow, and stands
-/// where the drives are.
+/// The parts of a core that affect the datum: it moves, homes, loses power when the bridge does not follow,
+/// and then takes the position of the drives.
 struct Core {
     sequence: u64,
     datum: u64,
     position: f64,
-    /// What its changes of datum have added up to.
+    /// Sum of its changes of datum.
     renamed: f64,
     /// Periods since a motion began, and its direction.
     motion: Option<(f64, u64)>,
     power: PowerRequest,
-    /// Until when it stands.
+    /// End of its standstill.
     stands_until: u64,
-    /// It has been followed, without which it homes nothing.
+    /// Whether it has been followed; before that it homes nothing.
     is_tied: bool,
     instance: u64,
 }
@@ -285,7 +284,7 @@ impl Core {
                 _ => {}
             }
         }
-        // Also as an emergency stop comes.
+        // Also at an emergency stop.
         renames |= self.is_tied && self.power == PowerRequest::Off && random.below(100) == 0;
         if renames {
             let shift = random.between(-300.0, 300.0);
@@ -319,7 +318,7 @@ impl Core {
     }
 }
 
-/// What a random run has met.
+/// Counts of situations in a random run.
 #[derive(Default)]
 struct Met {
     renamed_on: u64,
@@ -343,12 +342,12 @@ fn run(random: &mut Random, met: &mut Met) {
     };
     let mut heard: VecDeque<(f64, Target)> = VecDeque::new();
     let mut wire: VecDeque<Setpoint> = VecDeque::new();
-    // By what their coordinates may differ: by nothing before the bridge has told that it does not know.
+    // Permitted difference of their coordinates: none before the bridge has reported an unknown change.
     let (mut alike, mut homes_again) = (0.0, false);
     let (mut held_back, mut pause, mut off) = (0_u64, 0_u64, 0_u64);
     for _ in 0..4000 {
         let sent = core.step(random, heard.front().copied());
-        // Trouble gathers where names change.
+        // Faults are more frequent near changes of datum.
         let is_near = sent.datum != heard.back().map_or(0, |(_, target)| target.datum);
         let chance = if is_near { 6 } else { 300 };
         let trouble = random.below(chance) == 0;
@@ -413,7 +412,7 @@ fn run(random: &mut Random, met: &mut Met) {
             heard.pop_front();
         }
     }
-    // Twice the motion's velocity where setpoints are bridged, and where following begins.
+    // Twice the motion's velocity while setpoints are bridged, and when following begins.
     let most = 2.0 * 2.0 * SIZE * TURN * PERIOD_S + SYNC;
     assert!(
         bench.longest <= most,

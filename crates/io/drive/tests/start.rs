@@ -1,4 +1,4 @@
-//! Following begins at setpoints that are not quite where the axes are: no target steps, whatever the
+//! Following begins at setpoints near the axes but not exactly at them: no target steps, whatever the
 //! setpoints do meanwhile.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
@@ -14,8 +14,8 @@ use crate::random_motion::RandomMotion;
 const BEGIN_NS: u64 = 5_000_000_000;
 /// Tolerance of the start.
 const SYNC: f64 = 0.5;
-/// What the documentation permits the start besides the setpoints, of every limit; and rounding of
-/// differences.
+/// The fraction of every limit that the documentation permits for the start, in addition to the setpoints;
+/// and rounding of differences.
 const START: f64 = 0.05;
 const ROUNDING: f64 = 1e-3;
 
@@ -25,7 +25,7 @@ struct Bench {
     settings: FollowerSettings,
     now_ns: u64,
     actual: [f64; AXES],
-    /// What drives were told, in the coordinates of the end.
+    /// Targets of the drives, in the final coordinates.
     targets: Vec<Target>,
 }
 
@@ -58,7 +58,7 @@ impl Bench {
         target
     }
 
-    /// The largest velocity and acceleration of both axes over the targets, over the limits.
+    /// The maximum velocity and acceleration of both axes over the targets, relative to the limits.
     fn ratios(&self) -> [f64; 2] {
         let rate = 1e9 / self.settings.period_ns as f64;
         let mut ratios = [0.0_f64; 2];
@@ -110,12 +110,12 @@ fn axes_at_rest_go_smoothly_to_setpoints_beside_them() {
                 continue;
             }
             assert_eq!(target.state, BridgeState::Following, "{case}");
-            // It only comes nearer.
+            // The distance only decreases.
             let now = target.position[0] * distance.signum();
             assert!(now >= 0.0 && now <= left, "{case}: {now} mm after {left} mm");
             left = now;
         }
-        // And is there to the bit.
+        // And the end is exact to the bit.
         assert_eq!(bench.actual, [0.0; AXES], "{case}");
         let ratios = bench.ratios();
         assert!(
@@ -125,7 +125,7 @@ fn axes_at_rest_go_smoothly_to_setpoints_beside_them() {
     }
 }
 
-/// A motion at the limits of the axes, whose first velocity may already be there when following begins.
+/// A motion at the limits of the axes, which may already have begun when following begins.
 #[test]
 fn axes_that_move_at_once_do_so_within_their_limits_and_the_share_of_the_start() {
     for (period_ns, limits, distance) in starts() {
@@ -135,7 +135,7 @@ fn axes_that_move_at_once_do_so_within_their_limits_and_the_share_of_the_start()
             let turn = 2.0 * limits[1] / limits[0];
             let size = 0.5 * limits[0] / turn;
             let mut actual = [0.0; AXES];
-            // What the setpoints have moved when following begins adds to it.
+            // The motion of the setpoints before following begins adds to it.
             (actual[0], actual[1]) = (0.99 * distance, 0.99 * distance);
             let mut bench = Bench::new(settings(period_ns, limits, SYNC), actual);
             let enabled_from = 12;
@@ -172,7 +172,8 @@ fn axes_that_move_at_once_do_so_within_their_limits_and_the_share_of_the_start()
     }
 }
 
-/// Setpoints at rest jump to where following may begin: the axes stop, which they are, and go there smoothly.
+/// Setpoints at rest jump to where following may begin: the axes, which are at rest, stop, and then move
+/// there smoothly.
 #[test]
 fn a_small_jump_that_persists_at_rest_is_no_step_of_the_targets() {
     for (period_ns, limits, distance) in starts() {
@@ -194,7 +195,7 @@ fn a_small_jump_that_persists_at_rest_is_no_step_of_the_targets() {
     }
 }
 
-/// The core goes silent, and homes an axis, while the distance of the start is still there.
+/// The core becomes silent, and homes an axis, before the distance of the start has decayed.
 #[test]
 fn brakes_and_changes_of_datum_meanwhile_move_nothing_else() {
     for (period_ns, limits, distance) in starts() {
@@ -256,8 +257,7 @@ fn no_start_leaves_the_limits() {
             has_followed |= target.state == BridgeState::Following;
         }
         let ratios = bench.ratios();
-        // Differences of motions whose limits the discretisation may exceed by a little; and rounding of
-        // positions.
+        // Differences may exceed the limits slightly because of discretisation and rounding of positions.
         let rate = 1e9 / period_ns as f64;
         let rounding = 4.0 * 2_000.0 * f64::EPSILON * rate * rate / acceleration;
         let most = [1.0 + START, 1.0 + START + rounding].map(|most| most * 1.02);

@@ -1,4 +1,5 @@
-//! Which steps from setpoint to setpoint a follower takes: all of motions within the limits, none of jumps.
+//! Steps from setpoint to setpoint: a follower accepts all those of motions within the limits, and none of
+//! jumps.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
@@ -29,7 +30,7 @@ fn at_rest(sequence: u64, period_ns: u64, position: f64) -> Setpoint {
 /// X and Y from rest to a constant velocity, within the limits.
 fn in_motion(sequence: u64, period_ns: u64, limits: [f64; 3], speed: f64) -> Setpoint {
     let mut setpoint = at_rest(sequence, period_ns, 0.0);
-    // A ramp whose acceleration is a parabola: its largest is 1.5 times the mean, its largest slope 6 times
+    // A ramp whose acceleration is a parabola: its maximum is 1.5 times the mean, its maximum slope 6 times
     // speed over duration squared.
     let ramp_s = (2.0 * speed / limits[1]).max((8.0 * speed / limits[2]).sqrt());
     let time_s = sequence as f64 * period_ns as f64 * 1e-9;
@@ -82,7 +83,8 @@ impl Bench {
         target
     }
 
-    /// The largest velocity and acceleration of X over the targets from number `from` on, over the limits.
+    /// The maximum velocity and acceleration of X over the targets from number `from` on, relative to the
+    /// limits.
     fn ratios(&self, from: usize) -> [f64; 2] {
         let rate = 1e9 / self.settings.period_ns as f64;
         let x: Vec<f64> = self.targets[from..]
@@ -113,7 +115,7 @@ fn jumps() -> impl Iterator<Item = (u64, [f64; 3], u64, f64)> {
 #[test]
 fn a_jump_that_persists_is_not_followed_at_rest() {
     for (period_ns, limits, lead, jump) in jumps() {
-        // How many setpoints are lost after the first one of the jump, and whether the drives come into
+        // The number of setpoints lost after the first one of the jump, and whether the drives come into
         // operation only when the jump is in the queue.
         for (lost, is_queued) in [(0, false), (1, false), (7, false), (0, true), (7, true)] {
             let mut bench = Bench::new(settings(period_ns, limits, SYNC), lead);
@@ -172,7 +174,7 @@ fn one_setpoint_out_of_reach_counts_as_missing() {
         let mut wild = 0;
         for cycle in 0..first + 200 {
             let mut setpoint = in_motion(cycle, period_ns, limits, 0.5 * limits[0]);
-            // Again and again, with good ones in between.
+            // Repeatedly, with good setpoints in between.
             if (first..first + 190).contains(&cycle) && cycle % 4 == 0 {
                 setpoint.position[0] += jump;
                 wild += 1;
@@ -192,7 +194,7 @@ fn one_setpoint_out_of_reach_counts_as_missing() {
     }
 }
 
-/// Setpoints at one place that claim a velocity, and setpoints that move and claim none.
+/// Setpoints at one position with a velocity, and moving setpoints without one.
 #[test]
 fn velocities_that_do_not_fit_the_positions_are_not_followed() {
     for period_ns in [4_000_000, 1_000_000, 250_000] {
@@ -223,7 +225,7 @@ fn velocities_that_do_not_fit_the_positions_are_not_followed() {
     }
 }
 
-/// Positions that fit the velocities, which change at once.
+/// Positions that match the velocities, which change in steps.
 #[test]
 fn a_step_of_velocity_is_not_followed() {
     for period_ns in [4_000_000, 1_000_000, 250_000] {
@@ -242,8 +244,8 @@ fn a_step_of_velocity_is_not_followed() {
     }
 }
 
-/// An axis that the core's guard stops at the end of its travel stands where it is; without the guard the
-/// axes brake within their limits.
+/// An axis that the core's guard stops at the end of its travel stops at its position; without the guard's
+/// flag the axes brake within their limits.
 #[test]
 fn a_stop_at_the_end_of_the_travel_by_the_guard_is_followed() {
     let (period_ns, first) = (1_000_000, 1500);
@@ -253,7 +255,7 @@ fn a_stop_at_the_end_of_the_travel_by_the_guard_is_followed() {
             let mut setpoint = in_motion(cycle.min(first - 1), period_ns, MILL, 100.0);
             if cycle >= first {
                 (setpoint.velocity, setpoint.acceleration) = ([0.0; AXES], [0.0; AXES]);
-                // Only the first one says so.
+                // Only the first one has the flag.
                 setpoint.flags = if is_guarded && cycle == first {
                     flags::GUARD
                 } else {
@@ -285,7 +287,7 @@ fn a_motion_within_the_limits_is_followed_whatever_is_lost() {
         let acceleration = random.log(0.5 * velocity, 50.0 * velocity);
         let limits = [velocity, acceleration, random.log(3.0, 200.0) * acceleration];
         let settings = settings(period_ns, limits, SYNC);
-        // Up to what corrections and a spindle that is followed may add.
+        // Up to the amount that corrections and following a spindle may add.
         let share = random.between(0.3, 1.95);
         let driven = [velocity, share * acceleration, limits[2]];
         let has_steps = random.below(2) == 0;

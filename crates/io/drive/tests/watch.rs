@@ -1,4 +1,4 @@
-//! The core's watch: silent while all is well, and the right alarm for each thing that is not.
+//! The core's monitoring: no alarm without a fault, and the right alarm for each fault.
 
 use evolvent_drive::{
     BridgeState, DriveAlarm, DriveState, Note, PowerRequest, Presence, WatchMode, WatchSettings,
@@ -12,7 +12,7 @@ use crate::watch_bench::{Bench, DELAY, PERIOD_NS, running, settings};
 fn a_bridge_that_does_its_work_is_never_complained_of() {
     let mut bench = Bench::new(settings());
     assert_eq!(bench.run(20_000), Presence::Operational);
-    // Not with every other answer missing either, nor with bursts.
+    // Not with every second message missing either, nor with bursts.
     for n in 0..20_000_u64 {
         bench
             .cycle(|answer| (n % 13 < 6).then_some(answer))
@@ -20,8 +20,8 @@ fn a_bridge_that_does_its_work_is_never_complained_of() {
     }
 }
 
-/// With a lead of 100 cycles the axes begin to move 0.1 s after the first setpoint that moves: nothing is
-/// wrong with that.
+/// With a lead of 100 cycles the axes begin to move 0.1 s after the first setpoint of the motion, which is no
+/// fault.
 #[test]
 fn a_long_lead_is_no_fault() {
     let mut bench = Bench::new(settings());
@@ -69,7 +69,7 @@ fn silence_is_stale_after_the_time_that_was_set() {
     let DriveAlarm::Stale { age_ns, limit_ns, .. } = alarm else {
         panic!("{alarm}")
     };
-    // The last sample was half a period old when it came.
+    // The last sample was half a period old on arrival.
     assert_eq!((limit_ns, cycles), (20_000_000, 19));
     assert!(age_ns > limit_ns);
 }
@@ -94,7 +94,7 @@ fn fresh_samples_with_a_dead_encoder_are_a_frozen_axis() {
         ),
         "{alarm}"
     );
-    // While the axis is not commanded to move its encoder may well stay.
+    // Without a commanded motion the encoder may stay constant.
     let mut bench = Bench::new(settings());
     bench.run(49);
 }
@@ -116,7 +116,7 @@ fn each_number_that_is_none_is_named_by_its_axis() {
             assert_eq!((alarm, cycles), (DriveAlarm::NotFinite { axis }, 0));
         }
     }
-    // Of axes that the machine has not anything may be said.
+    // Axes that the machine does not have may have any value.
     let mut bench = running();
     for _ in 0..10 {
         assert!(
@@ -210,8 +210,8 @@ fn a_jump_is_a_jump_and_a_growing_error_a_following_error() {
     assert!((error + 0.51).abs() < 1e-9, "{error}");
 }
 
-/// Following begins beside the setpoints, and what bridges do about it is theirs: until then nothing may be
-/// moved.
+/// Following begins at a distance from the setpoints, which bridges remove in their own way: until then
+/// nothing may be moved.
 #[test]
 fn drives_are_operational_once_the_axes_are_at_their_setpoints() {
     // Distance of Y from its setpoint by cycle, and the cycle from which on it is operational.
@@ -240,7 +240,7 @@ fn drives_are_operational_once_the_axes_are_at_their_setpoints() {
     }
 }
 
-/// An encoder that counts backwards drives its axis away from the beginning on.
+/// An encoder that counts backwards drives its axis away from the start.
 #[test]
 fn axes_that_never_arrive_at_their_setpoints_are_monitored_all_the_same() {
     for (off, moves) in [(0.51, 0.0), (0.3, 0.01), (0.3, 2.0)] {
@@ -279,7 +279,7 @@ fn axes_that_never_arrive_at_their_setpoints_are_monitored_all_the_same() {
 
 #[test]
 fn the_bound_of_the_following_error_grows_with_the_velocity() {
-    // 20 ms at 300 mm/s are 6 mm: an axis that trails by 15 ms is fine, one by 30 ms is not.
+    // 20 ms at 300 mm/s are 6 mm: a lag of 15 ms is permitted, one of 30 ms is not.
     for (trail_s, fine) in [(0.015, true), (0.030, false)] {
         let mut bench = Bench::new(settings());
         let mut found = None;
@@ -350,7 +350,7 @@ fn a_limit_switch_stops_motion_towards_it_and_not_away_from_it() {
     }
 }
 
-/// Homing looks at the switch in the direction of its search by itself.
+/// Homing evaluates the switch in the direction of its search itself.
 #[test]
 fn a_limit_switch_that_is_expected_at_one_end_stops_at_the_other() {
     for positive in [true, false] {
@@ -408,7 +408,7 @@ fn without_power_drives_and_axes_may_do_as_they_please() {
 #[test]
 fn a_new_datum_is_no_jump_and_one_that_the_bridge_does_not_take_is_noticed() {
     let mut bench = running();
-    // The core names the place anew; answers by the old name are on their way for some cycles.
+    // The core assigns a new coordinate; feedback with the old one still arrives for some cycles.
     for n in 0..100 {
         bench.datum = 1;
         bench.shift = 250.0;
@@ -502,8 +502,8 @@ fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
         assert_eq!(alarm.number() as usize, 400 + i);
         let text = alarm.to_string();
         assert!(text.contains(": ") && text.len() < 220, "{text}");
-        // Drives that never came up, have lost power, stopped by themselves or were restarted cannot be led
-        // along a path.
+        // Drives that never came up, have lost power, stopped by themselves or were restarted cannot follow a
+        // path.
         let is_led = ![400, 405, 406, 407, 408, 412, 413].contains(&alarm.number());
         assert_eq!(alarm.drives_follow(), is_led, "{text}");
     }
@@ -517,8 +517,7 @@ fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
     );
 }
 
-/// A bridge whose clock is ahead, killed in motion: its last sample must not stay young until that time has
-/// come.
+/// A bridge whose clock is ahead, killed in motion: its last sample must not count as new until that time.
 #[test]
 fn no_clock_of_a_bridge_keeps_its_death_from_being_noticed() {
     for ahead_ns in [0, 1_000_000, 15_000_000, 20_400_000, 60_000_000_000, u64::MAX / 2] {
@@ -526,7 +525,7 @@ fn no_clock_of_a_bridge_keeps_its_death_from_being_noticed() {
         let mut found = None;
         let mut silent = 0;
         while found.is_none() && silent < 100 {
-            // Ten answers of the wrong clock, then none.
+            // Ten messages with the wrong clock, then none.
             let lives = bench.cycle < 210;
             silent += u64::from(!lives);
             let result = bench.cycle(|mut answer| {
@@ -538,7 +537,7 @@ fn no_clock_of_a_bridge_keeps_its_death_from_being_noticed() {
         let Some(alarm) = found else {
             unreachable!("{ahead_ns}: silent for 100 ms and no alarm");
         };
-        // 20 ms from its arrival, as of any bridge.
+        // 20 ms from its arrival, as for any bridge.
         assert!(silent <= 21, "{ahead_ns}: {alarm} after {silent} ms");
         let is_ahead = matches!(alarm, DriveAlarm::AheadOfTime { .. });
         assert_eq!(is_ahead, ahead_ns > 20_500_000, "{ahead_ns}: {alarm}");
@@ -593,7 +592,7 @@ fn a_reference_is_lost_with_the_link_unless_it_is_absolute() {
                 0b111 & !absolute_mask,
                 "gone"
             );
-            // Who calls himself absolute only afterwards says nothing about the time before.
+            // An axis reported as absolute only afterwards may have lost its reference before.
             let mut bench = Bench::new(settings());
             bench.power = power;
             assert_eq!(lost(&mut bench, 200), 0);
@@ -610,7 +609,7 @@ fn an_encoder_that_jumps_without_power_loses_its_reference() {
     let mut bench = Bench::new(bounds);
     bench.power = PowerRequest::Off;
     assert_eq!(lost(&mut bench, 100), 0);
-    // Moved by hand, as fast as the axis can: 0.5 mm a cycle.
+    // Moved by hand, at the maximum velocity of the axis: 0.5 mm per cycle.
     for n in 0..100 {
         let moved = bench.cycle(|mut answer| {
             answer.position[1] += 0.5 * f64::from(n);

@@ -1,4 +1,4 @@
-//! A core that moves, and the bridge whose answers its watch judges.
+//! A core that moves, and a bridge whose feedback is monitored.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
@@ -10,9 +10,9 @@ use evolvent_wire::{AXES, Feedback};
 
 pub(crate) const PERIOD_NS: u64 = 1_000_000;
 pub(crate) const AXES_MASK: u32 = 0b111;
-/// Number of cycles from a setpoint to the feedback that answers it.
+/// Number of cycles from a setpoint to its feedback.
 pub(crate) const DELAY: u64 = 4;
-/// Time by which the axes trail behind, s.
+/// Lag of the axes, s.
 pub(crate) const LAG_S: f64 = 0.008;
 
 pub(crate) fn settings() -> WatchSettings {
@@ -21,7 +21,7 @@ pub(crate) fn settings() -> WatchSettings {
     settings
 }
 
-/// A core that moves X to and fro at up to 300 mm/s, and a bridge that answers well.
+/// A core that moves X to and fro at up to 300 mm/s, and a bridge with correct feedback.
 pub(crate) struct Bench {
     pub(crate) watch: FeedbackWatch,
     pub(crate) cycle: u64,
@@ -98,7 +98,7 @@ impl Bench {
         answer
     }
 
-    /// One cycle with the answer changed; none if the change says so.
+    /// Runs one cycle with modified feedback, or without any if `change` returns `None`.
     pub(crate) fn cycle(
         &mut self,
         change: impl FnOnce(Feedback) -> Option<Feedback>,
@@ -109,7 +109,7 @@ impl Bench {
         result
     }
 
-    /// Good cycles, which must raise nothing.
+    /// Runs cycles without a fault, which must raise no alarm.
     pub(crate) fn run(&mut self, cycles: u64) -> Presence {
         let mut last = Presence::Absent;
         for _ in 0..cycles {
@@ -118,7 +118,7 @@ impl Bench {
         last
     }
 
-    /// The first alarm within a number of cycles with changed answers, and the cycle in which it comes.
+    /// Returns the first alarm within a number of cycles with modified feedback, and its cycle.
     pub(crate) fn alarm(
         &mut self,
         cycles: u64,

@@ -1,8 +1,8 @@
-//! The bridge's cycle beside a bare socket loop on the same ring:
+//! The bridge's cycle compared with a bare socket loop on the same ring:
 //! `cargo bench -p evolvent-ethercat --bench cycle [-- SECONDS]`.
 //!
-//! Needs the right to make a network namespace. Times are of this host at this moment; compare lines of one
-//! run with one another.
+//! Needs the right to create a network namespace. Times depend on the host and its present load; compare only
+//! lines of the same run.
 
 #![expect(
     clippy::expect_used,
@@ -27,7 +27,7 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 const LETTERS: &str = "XYZABCUV";
 const LEAD_NS: u64 = 40_000_000;
-/// As of the bridge with the shipped machine files.
+/// The bridge's priority with the shipped machine files.
 const PRIORITY: i32 = 78;
 
 fn machine(axes: usize, rate_hz: u64) -> Machine {
@@ -130,7 +130,7 @@ fn thread_ns() -> u64 {
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
 
-/// A frame of the bridge's length there and back each period, and nothing else.
+/// Exchanges a frame of the bridge's length every period, and nothing else.
 fn bare_loop(bytes: usize, period_ns: u64, cycles: usize) -> Vec<CycleTime> {
     raise_priority();
     let socket = PacketSocket::open(MAIN_INTERFACE).expect("a socket");
@@ -275,8 +275,7 @@ fn measure(axes: usize, rate_hz: u64, seconds: u64) {
     let measured = on_bench(devices(axes), move |ring| {
         println!("{axes} drives at {rate_hz} Hz, {seconds} s each");
         let cycles = (seconds * rate_hz) as usize;
-        // Half before and half after the bridge, on threads of their own, which inherit the bench's
-        // namespace.
+        // Half before and half after the bridge, on separate threads, which inherit the bench's namespace.
         let bare_half = move || {
             std::thread::spawn(move || bare_loop(frame_bytes(axes), period_ns, cycles / 2))
                 .join()

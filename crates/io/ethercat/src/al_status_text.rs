@@ -1,6 +1,6 @@
-//! AL status codes (ETG.1020): what to check where a device gives one.
+//! AL status codes (ETG.1020) of devices: what to check.
 
-/// What to check; none for codes that say it themselves, and for those of vendors.
+/// What to check; `None` for self-explanatory codes and those of vendors.
 pub(crate) const fn what_to_check(code: u16) -> Option<&'static str> {
     Some(match code {
         0x0014 => "load its firmware with the vendor's tool",

@@ -13,22 +13,22 @@ use crate::zero_impulse::{Latched, ZeroImpulse};
 /// Number of periods for which the fault reset bit is held: a drive may miss a single one between two frames.
 const RESET_PERIODS: u32 = 5;
 
-/// A motor that is slower may lose its torque, mm/s or degrees/s: 300 kg at 1 mm/s have 0.15 mJ, which a
-/// friction of 50 N takes in 3 um.
+/// Velocity below which a motor may lose its torque, mm/s or degrees/s: 300 kg at 1 mm/s have 0.15 mJ, which
+/// a friction of 50 N absorbs in 3 um.
 const STANDING: f64 = 1.0;
 
-/// What a period has shown of the zero impulse.
+/// Progress of the zero impulse in one period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum IndexProgress {
     /// Nothing new.
     Nothing,
-    /// From now on the drive latches it.
+    /// From now on the drive latches the impulse.
     Armed,
-    /// It came at this machine coordinate.
+    /// The impulse occurred at this machine coordinate.
     Latched(f64),
 }
 
-/// A drive as the bridge sees it. May be called by the cycle.
+/// The bridge's state of one drive. May be called by the cycle.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DriveAxis {
     settings: NetworkAxis,
@@ -37,11 +37,10 @@ pub(crate) struct DriveAxis {
     /// The drive's position without wrap-around.
     increments: i64,
     has_position: bool,
-    /// It begins at `zero`, wherever its counter is: homing comes before its coordinates count, and a counter
-    /// that is not absolute may be any number of turns away.
+    /// The axis begins at `zero`, independent of its counter: its coordinates are valid only after homing,
+    /// and a counter that is not absolute may be any number of turns away.
     begins_at_zero: bool,
-    /// The offset of an earlier session, with which it begins instead if its position is within the reach
-    /// then.
+    /// The offset of an earlier session, which is used instead if it gives a position within the reach.
     kept_offset: Option<f64>,
     reach: f64,
     /// Machine coordinate minus position of the increments.
@@ -62,9 +61,9 @@ pub(crate) struct DriveAxis {
     zero_impulse: ZeroImpulse,
     /// Distance since power came on, for the drive of a gantry.
     moved: f64,
-    /// What is added to the setpoint, and its velocity, for a drive of a gantry.
+    /// Offset from the setpoint, and its velocity, for a drive of a gantry.
     apart: (f64, f64),
-    /// It is too far from the other drive of its gantry.
+    /// The drive is too far from the other drive of its gantry.
     is_apart: bool,
 }
 
@@ -114,9 +113,9 @@ impl DriveAxis {
         }
     }
 
-    /// Before the first inputs: it begins at `zero`, or, in a later session of the process, with the last
-    /// offset that was chosen, so that an axis that was not moved keeps its coordinate. A counter that was
-    /// reset meanwhile gives a coordinate beyond `reach`, which the core rejects: such an axis begins at
+    /// Call before the first inputs: the axis begins at `zero`, or, in a later session of the process, with
+    /// the last chosen offset, so that an axis that was not moved keeps its coordinate. A counter that was
+    /// reset meanwhile may give a coordinate beyond `reach`, which the core rejects: such an axis begins at
     /// `zero` again.
     pub(crate) const fn begin_at_zero(&mut self, kept_offset: Option<f64>, reach: f64) {
         self.begins_at_zero = true;
@@ -124,8 +123,8 @@ impl DriveAxis {
         self.reach = reach;
     }
 
-    /// The offset, if it was just chosen by the first inputs, or by the drive, which has homed: its counter
-    /// begins again there, and with an older offset the next session would be as far off as the counter was.
+    /// Returns the offset if it has just been chosen by the first inputs or by homing of the drive. Homing
+    /// restarts the counter, so with an older offset the next session would be wrong by the previous count.
     pub(crate) const fn take_chosen_offset(&mut self) -> Option<f64> {
         if core::mem::replace(&mut self.is_renamed_by_drive, false) {
             return Some(self.offset);
@@ -137,7 +136,7 @@ impl DriveAxis {
         None
     }
 
-    /// Its encoder knows machine zero.
+    /// Whether its encoder knows machine zero.
     pub(crate) const fn has_absolute_encoder(&self) -> bool {
         self.settings.absolute
     }
@@ -163,7 +162,7 @@ impl DriveAxis {
         self.settings.homing.map_or(0, |homing| homing.order)
     }
 
-    /// Touch probe: the machine coordinate of an edge, once.
+    /// Returns the machine coordinate of a touch probe edge, once.
     pub(crate) fn take_latched(&mut self) -> Option<f64> {
         core::mem::replace(&mut self.has_edge, false).then(|| self.position_of(self.probe.latched))
     }
@@ -180,7 +179,7 @@ impl DriveAxis {
         self.settings.index_probe.is_some()
     }
 
-    /// The next zero impulse is to be latched (`true`), or none.
+    /// Sets whether the next zero impulse is to be latched.
     pub(crate) const fn set_index_awaited(&mut self, is_awaited: bool) {
         if is_awaited {
             self.zero_impulse.arm();
@@ -205,7 +204,7 @@ impl DriveAxis {
         self.settings.axis
     }
 
-    /// Its positions refer to machine zero: by its encoder, or because it has homed.
+    /// Whether its positions refer to machine zero: by its encoder, or because it has homed.
     pub(crate) fn is_absolute(&self) -> bool {
         self.settings.absolute || self.settings.homing.is_some() && self.homing == HomingProgress::Done
     }
@@ -218,7 +217,7 @@ impl DriveAxis {
         }
     }
 
-    /// Its device does not reply, or is not in OP.
+    /// Marks its device as lost: it does not reply, or is not in OP.
     pub(crate) const fn set_lost(&mut self) {
         self.is_lost = true;
     }
@@ -244,8 +243,7 @@ impl DriveAxis {
         self.velocity
     }
 
-    /// Whether the motor is so slow that it may lose its torque; an encoder at rest shows one increment more
-    /// or less.
+    /// Whether the motor is slow enough to lose its torque; an encoder at rest may toggle by one increment.
     fn is_standing(&self, period_s: f64) -> bool {
         let increment = self.settings.scale.position(1).abs();
         self.velocity.abs() <= STANDING.max(1.5 * increment / period_s)
@@ -257,9 +255,9 @@ impl DriveAxis {
     }
 
     /// Reads the inputs, `elapsed_s` after the last ones. The axis cannot move faster than `max_velocity`.
-    /// Returns what has become of the zero impulse.
+    /// Returns the progress of the zero impulse.
     pub(crate) fn take(&mut self, inputs: DriveInputs, elapsed_s: f64, max_velocity: f64) -> IndexProgress {
-        // A drive that reports no state yet reports no position either.
+        // A drive without a reported state reports no position either.
         if self.has_position && !self.begins_at_zero {
             // 32-bit counters wrap around.
             let step = inputs.position.wrapping_sub(self.inputs.position);
@@ -273,8 +271,8 @@ impl DriveAxis {
             };
             let is_possible = way.abs() <= fastest * elapsed_s;
             if !is_possible && homes {
-                // The drive has found its zero and counts from there: this step is not a motion. It may come
-                // before the drive reports that it has homed; until then the coordinates go on as they were.
+                // The drive has found its zero and counts from there: this step is not a motion. It may occur
+                // before the drive reports that it has homed; until then the coordinates continue unchanged.
                 self.offset -= way;
             } else {
                 self.velocity = way / elapsed_s;
@@ -308,8 +306,8 @@ impl DriveAxis {
         }
     }
 
-    /// How fast the axis can move while its drive homes: twice the speed of the search. Over lost frames the
-    /// largest velocity of the axis would let the step to the drive's zero pass for a motion of some
+    /// Maximum velocity of the axis while its drive homes: twice the speed of the search. With the maximum
+    /// velocity of the axis, a step to the drive's zero during lost frames could count as a motion of some
     /// millimetres.
     fn homing_velocity(&self) -> f64 {
         let fastest = self
@@ -319,7 +317,7 @@ impl DriveAxis {
         2.0 * self.settings.scale.position(i64::from(fastest)).abs()
     }
 
-    /// The drive has found its zero and counts from there.
+    /// Handles that the drive has found its zero and counts from there.
     fn rename_by_drive(&mut self) {
         if let Some(homing) = self.settings.homing {
             self.increments = i64::from(self.inputs.position);
@@ -330,8 +328,8 @@ impl DriveAxis {
         }
     }
 
-    /// One period of homing; returns whether the drive is in mode 6. `power`: the core requests it; `turn`:
-    /// no axis has to home before this one.
+    /// Runs one period of homing. Returns whether the drive is in mode 6. `power`: the core requests it;
+    /// `turn`: no axis has to home before this one.
     fn home(&mut self, power: bool, turn: bool, period_s: f64) -> bool {
         let Some(homing) = self.settings.homing else {
             return false;
@@ -362,9 +360,9 @@ impl DriveAxis {
         matches!(self.homing, HomingProgress::Needed | HomingProgress::Running(_))
     }
 
-    /// The outputs of the drive. Without an order of the core (`target` none) it has no torque. While drives
-    /// home (`turn` is the order of the axes that home now), those that have homed hold, and later ones wait
-    /// without torque.
+    /// Computes the outputs of the drive. Without a target of the core (`target` is `None`) it has no torque.
+    /// While drives home (`turn` is the order of the axes that home now), those that have homed hold, and
+    /// later ones wait without torque.
     pub(crate) fn outputs(
         &mut self,
         target: Option<&Target>,
@@ -407,7 +405,7 @@ impl DriveAxis {
             ..DriveOutputs::default()
         };
         let enables = order.control_word == control::ENABLE_OPERATION;
-        // A vertical axis would sag if its target were where it is.
+        // A vertical axis would sag if its target followed its position.
         let is_in_operation = self.state() == Some(DriveState::OperationEnabled);
         let others_follow = target.is_some_and(|target| target.state.has_targets());
         let waits = is_in_operation && !homes && (turn.is_some() || !others_follow);
@@ -436,7 +434,7 @@ impl DriveAxis {
         outputs
     }
 
-    /// The machine coordinate at which it waits for the others, or is.
+    /// The machine coordinate at which it waits for the others, or its present one.
     pub(crate) fn held_position(&self) -> f64 {
         if self.holds {
             self.position_of(self.hold)
@@ -475,7 +473,7 @@ impl DriveAxis {
         self.controller.resets_done()
     }
 
-    /// Whether its beam can be squared by home switches: it has one, and nothing else tells where it is.
+    /// Whether its beam can be squared by home switches: it has one, and no other reference.
     pub(crate) const fn is_squared_by_switch(&self) -> bool {
         self.settings.home_switch_bit.is_some() && !self.settings.absolute && self.settings.homing.is_none()
     }

@@ -1,6 +1,6 @@
-//! The quality of the distributed clocks: how far those of the devices are from the reference clock, where in
-//! the period of SYNC0 the frames pass, and how fast this computer's clock is. Only its construction
-//! allocates; nothing waits.
+//! The quality of the distributed clocks: differences between the devices and the reference clock, phase of
+//! the frames relative to SYNC0, and rate of this computer's clock. Only the constructor allocates; nothing
+//! waits.
 
 use evolvent_trace::Histogram;
 
@@ -10,20 +10,19 @@ use crate::network::MAX_DEVICES;
 const READING_NS: u64 = 20_000_000;
 /// Cycles before the mean phase is known: the loop that follows the reference has a time constant of 16.
 const SETTLING_CYCLES: u32 = 256;
-/// Of each of these times the frame with the least delay counts for the drift, ns.
+/// Blocks for the drift, ns: the frame with the minimum delay in each block counts.
 const BLOCK_NS: u64 = 1_000_000_000;
-/// When the figures are reported for the first time after all devices came to OP, ns.
+/// Time from OP of all devices to the first report of the figures, ns.
 const FIRST_REPORT_NS: u64 = 10_000_000_000;
 
-/// What the clocks of a network have shown while all devices were in OP.
+/// Measurements of a network's clocks while all devices were in OP.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ClockFigures {
     /// Number of readings of the system time difference (092Ch).
     pub readings: u64,
-    /// The largest difference that was read, ns: positive if the device's clock is ahead of the reference
-    /// clock.
+    /// The largest difference read, ns: positive if the device's clock is ahead of the reference clock.
     pub max_difference_ns: i32,
-    /// The device that had it, from 0.
+    /// The device with this difference, from 0.
     pub max_difference_device: Option<usize>,
     /// The largest of the last readings of all devices, ns.
     pub last_difference_ns: i32,
@@ -42,7 +41,7 @@ pub struct ClockFigures {
 }
 
 /// The difference in register 092Ch (ETG.1000.4): a magnitude, and bit 31 if the device's copy of the system
-/// time is behind.
+/// time is late.
 const fn difference_ns(register: u32) -> i32 {
     let magnitude = (register & 0x7FFF_FFFF) as i32;
     if register >> 31 == 1 {
@@ -57,7 +56,7 @@ const fn difference_ns(register: u32) -> i32 {
 pub(crate) struct ClockMonitor {
     /// Devices with a clock that follows the reference.
     followers: [bool; MAX_DEVICES],
-    /// The one that is read next.
+    /// The next device to read.
     next_device: usize,
     next_reading_ns: u64,
     last_differences_ns: [i32; MAX_DEVICES],
@@ -92,7 +91,8 @@ impl ClockMonitor {
         }
     }
 
-    /// All devices have come to OP; those at `clocks` have a clock, and the first of them is the reference.
+    /// Begins when all devices are in OP; those at `clocks` have a clock, and the first of them is the
+    /// reference.
     pub(crate) fn begin(&mut self, clocks: impl Iterator<Item = usize>, now_ns: u64) {
         self.followers = [false; MAX_DEVICES];
         for device in clocks.skip(1) {
@@ -118,7 +118,7 @@ impl ClockMonitor {
         devices.find(|device| self.followers[*device])
     }
 
-    /// A device has been asked for its difference; none if it did not reply in time.
+    /// Takes the difference of a device; `None` if it did not reply in time.
     pub(crate) fn take_difference(&mut self, device: usize, register: Option<u32>, now_ns: u64) {
         self.next_device = (device + 1) % MAX_DEVICES;
         self.next_reading_ns = now_ns + READING_NS;
@@ -133,7 +133,7 @@ impl ClockMonitor {
         }
     }
 
-    /// A frame that was sent at `sent_ns` has passed the reference clock at its time `reference_ns`,
+    /// Takes a frame that was sent at `sent_ns` and passed the reference clock at its time `reference_ns`,
     /// `phase_ns` after the middle between two SYNC0.
     pub(crate) fn take_frame(&mut self, sent_ns: u64, reference_ns: u64, phase_ns: i64) {
         if !self.is_used {
@@ -172,11 +172,11 @@ impl ClockMonitor {
     }
 }
 
-/// The drift of this computer's clock, from the frames with the least delay at the beginning and at the end:
-/// delays of the computer only make a frame late.
+/// The drift of this computer's clock, from the frames with the minimum delay at the beginning and at the
+/// end: the computer can only delay a frame.
 #[derive(Debug, Default)]
 struct Drift {
-    /// Time on this computer of the frame with the least delay, and that of the reference less it.
+    /// Time on this computer of the frame with the minimum delay, and the reference's time minus it.
     first: Option<(u64, i64)>,
     last: Option<(u64, i64)>,
     present: Option<(u64, i64)>,
@@ -260,7 +260,7 @@ mod tests {
         }
     }
 
-    /// A computer whose clock is 37 millionths fast, with frames that are up to half a millisecond late.
+    /// A computer whose clock is fast by 37 ppm, with frames that are up to half a millisecond late.
     #[test]
     fn late_frames_do_not_change_the_drift() {
         let mut drift = Drift::default();

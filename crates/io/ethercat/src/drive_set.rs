@@ -1,4 +1,4 @@
-//! All drives of a session behind one follower: setpoints in, outputs out, feedback back.
+//! All drives of a session with one follower: takes setpoints, returns outputs and feedback.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -33,24 +33,24 @@ pub(crate) struct ProbeReading {
 pub(crate) struct DriveSet {
     follower: Follower,
     axes: Vec<DriveAxis>,
-    /// When the inputs of each drive were read last.
+    /// Time of the last inputs of each drive.
     taken_ns: Vec<Option<u64>>,
     period_ns: u64,
     period_s: f64,
     instance: u64,
     axes_mask: u32,
     was_enabled: bool,
-    /// One drive has left operation: the others are stopped until power is requested again.
+    /// One drive has left operation; the others stay stopped until power is requested again.
     group_stop: bool,
     /// The session ends: all drives stop.
     ending: bool,
-    /// Order of the axes that home now; none where all have.
+    /// Order of the axes that home now; `None` if all have homed.
     homing: Option<u32>,
     gantries: Vec<GantryPair>,
     /// Twice the maximum velocity of each axis.
     max_velocity: [f64; AXES],
     aligned: bool,
-    /// The newest request for an index pulse, which a drive may still have to take over.
+    /// The newest request for an index pulse, which a drive may not have accepted yet.
     index_request: IndexRequest,
     index: IndexLatch,
     touches: Touches,
@@ -59,10 +59,10 @@ pub(crate) struct DriveSet {
     starts: Starts,
 }
 
-/// Bits of an offset that is not known: not a number that arithmetic gives.
+/// Bits of an unknown offset: a NaN that arithmetic does not produce.
 const UNKNOWN: u64 = u64::MAX;
 
-/// Machine coordinate minus position of the increments, as drives have begun or found their zero, over the
+/// Machine coordinate minus position of the increments, from the start of drives or their homing, over the
 /// sessions of a process.
 #[derive(Clone, Debug)]
 pub(crate) struct Starts(Arc<[AtomicU64; 2 * AXES]>);
@@ -86,7 +86,7 @@ impl Starts {
     }
 }
 
-/// The largest distance from machine zero that the core believes of an axis.
+/// The largest distance of an axis from machine zero that the core accepts.
 fn reach(machine: &Machine, index: usize) -> f64 {
     let mut bounds = FeedbackBounds::new(AxisMask::NONE);
     for axis in machine.axes.iter().filter(|axis| axis.letter.index() == index) {
@@ -115,7 +115,7 @@ impl DriveSet {
                 let mut homed = machine.homing.iter().map(|homing| homing.axis.index());
                 homed.any(|homed| homed == axis.index())
             };
-            // Others count from their drives' zero: without homing the core takes that for true.
+            // Other axes count from their drives' zero, which the core accepts without homing.
             if !axis.has_absolute_encoder() && (axis.homing() == HomingProgress::Needed || by_core(axis)) {
                 axis.begin_at_zero(starts.of(entry), reach(machine, axis.index()));
             }
@@ -177,7 +177,7 @@ impl DriveSet {
         self.axes[axis].set_lost();
     }
 
-    /// From now on all drives stop, whatever the core requests.
+    /// Stops all drives from now on, whatever the core requests.
     pub(crate) const fn end(&mut self) {
         self.ending = true;
     }
@@ -190,7 +190,7 @@ impl DriveSet {
 
     /// The inputs of a drive, read in the cycle of `now_ns`.
     pub(crate) fn take(&mut self, now_ns: u64, axis: usize, inputs: DriveInputs) {
-        // Drives sample once a period; frames are lost, and a bridge that the computer suspends skips cycles.
+        // Drives sample once per period, but frames may be lost, and a suspended bridge skips cycles.
         let elapsed_ns = self.taken_ns[axis].map_or(0, |taken_ns| now_ns.saturating_sub(taken_ns));
         let periods = ((elapsed_ns + self.period_ns / 2) / self.period_ns).max(1);
         self.taken_ns[axis] = Some(now_ns);
@@ -205,7 +205,7 @@ impl DriveSet {
         }
         match progress {
             IndexProgress::Nothing => {}
-            // Taken over, for the core, once the drive would latch the impulse.
+            // The request counts as accepted once the drive is ready to latch the impulse.
             IndexProgress::Armed => {
                 let _axis = self.index.take(self.index_request);
             }
@@ -217,7 +217,7 @@ impl DriveSet {
     }
 
     /// Arms the drive whose index pulse is requested. A request for an axis whose drive latches none is never
-    /// taken over.
+    /// accepted.
     fn request_index(&mut self, request: IndexRequest) {
         if request == self.index_request {
             return;
@@ -231,7 +231,8 @@ impl DriveSet {
         }
     }
 
-    /// One period at a time of the bus's clock; afterwards outputs and feedback are those of this period.
+    /// Runs one period at a time of the bus's clock; afterwards outputs and feedback are those of this
+    /// period.
     pub(crate) fn step(&mut self, now_ns: u64) {
         let homed = self.homing;
         let pending = self
@@ -270,11 +271,12 @@ impl DriveSet {
             || homed.is_some() && self.homing.is_none()
             || self.gantries.iter().any(|pair| pair.fault().is_some())
         {
-            // After drives have found their zero, the core has to see it without power before it follows.
+            // After drives have found their zero, the core must read the new positions without power before
+            // it follows.
             self.group_stop = true;
         }
         self.was_enabled = enabled;
-        // Without a core a drive that looks for its zero brakes, and no other begins.
+        // Without a core a homing drive brakes, and no other begins.
         let is_orphaned = target.is_silent && self.homing.is_some();
         self.power = if self.ending || self.group_stop || is_orphaned {
             PowerRequest::QuickStop
@@ -284,8 +286,8 @@ impl DriveSet {
         self.target = Some(target);
     }
 
-    /// Encoders without an absolute position: the beam is assumed square until both drives have homed, or
-    /// have passed their switches.
+    /// Aligns encoders without an absolute position: the beam is assumed square until both drives have homed,
+    /// or have passed their switches.
     fn align(&mut self) {
         if core::mem::replace(&mut self.aligned, true) {
             return;
@@ -298,7 +300,7 @@ impl DriveSet {
         }
     }
 
-    /// Positions refer to another datum.
+    /// Handles a change of datum.
     fn rename(&mut self, shift: &[f64; AXES]) {
         for axis in &mut self.axes {
             axis.rename(shift[axis.index()]);
@@ -321,7 +323,7 @@ impl DriveSet {
         }
     }
 
-    /// What became of each gantry.
+    /// Returns the events of each gantry.
     pub(crate) fn take_gantry_events(&mut self) -> impl Iterator<Item = GantryEvent> + '_ {
         let axes = &self.axes;
         self.gantries.iter_mut().map(|pair| pair.take_event(axes))
@@ -343,7 +345,7 @@ impl DriveSet {
         }
     }
 
-    /// The limit switches of a drive as the core has to see them.
+    /// The limit switches of a drive as reported to the core.
     fn limits(&self, entry: usize, pressed: [bool; 2]) -> [bool; 2] {
         let mut pairs = self.gantries.iter();
         pairs
@@ -378,7 +380,7 @@ impl DriveSet {
                     .following_error()
                     .unwrap_or(target.position[axis] - drive.position());
             }
-            // Of two drives the larger torque.
+            // The larger torque of two drives counts.
             if drive.torque_ratio().abs() >= feedback.torque_ratio[axis].abs() {
                 feedback.torque_ratio[axis] = drive.torque_ratio();
             }
@@ -389,7 +391,7 @@ impl DriveSet {
             } else {
                 drive.status_word()
             };
-            // Of two drives the one that is farther from operation.
+            // The drive that is farther from operation counts.
             let worst = if has_word[axis] {
                 worse_status(feedback.status_word[axis] as u16, word)
             } else {

@@ -53,7 +53,7 @@ pub(crate) struct DumpCounters {
 /// What happens to the file of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DumpTrouble {
-    /// There was no room for the older half; the recording goes on.
+    /// There was no space for the older half; recording continues.
     HalfDropped {
         /// The system's error.
         errno: i32,
@@ -87,7 +87,7 @@ impl DumpCounters {
     }
 }
 
-/// A file, or what tests take for one.
+/// A file, or a substitute in tests.
 pub(crate) trait Store: Read + Write + Seek {
     fn set_len(&mut self, bytes: u64) -> io::Result<()>;
 }
@@ -139,7 +139,7 @@ pub(crate) struct DumpWriter<'a, S = File> {
     frame: Vec<u8>,
 }
 
-/// Whether the file can be written. What it has stays.
+/// Checks that the file can be written, and keeps its contents.
 pub(crate) fn check(settings: &DumpSettings) -> io::Result<()> {
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(false);
@@ -166,7 +166,7 @@ pub(crate) fn open<'a>(
     pair(file, before, settings, interface, counters)
 }
 
-/// A queue, and the writer of these files behind it.
+/// Creates a queue and the writer of these files.
 fn pair<'a, S: Store>(
     file: S,
     before: S,
@@ -261,7 +261,7 @@ impl<S: Store> DumpWriter<'_, S> {
         Some((u64::from_le_bytes([t0, t1, t2, t3, t4, t5, t6, t7]), direction))
     }
 
-    /// Writes whole blocks. Where there is no room the older half gives way.
+    /// Writes whole blocks. Without enough space the older half is dropped.
     fn write(&mut self, blocks: &mut Vec<u8>) -> io::Result<()> {
         if let Err(error) = self.append(blocks) {
             if self.before_length == 0 {
@@ -284,7 +284,7 @@ impl<S: Store> DumpWriter<'_, S> {
         Ok(())
     }
 
-    /// Back to the blocks that were written.
+    /// Truncates the file to the complete blocks.
     fn cut(&mut self) -> io::Result<()> {
         self.file.set_len(self.length)?;
         self.file.seek(SeekFrom::Start(self.length))?;
@@ -344,7 +344,7 @@ impl<S: Store> DumpWriter<'_, S> {
     /// the newer half is overwritten when all of the joined file has its place on the disk.
     ///
     /// # Errors
-    /// There is no room. The first bytes of the file are the newer half, as before.
+    /// There is not enough space. The first bytes of the file are the newer half, as before.
     fn join(&mut self) -> io::Result<()> {
         let (newer, older) = (self.length, self.before_length);
         // From its end: the halves may overlap.
@@ -636,7 +636,8 @@ mod tests {
         // A frame takes 248 bytes, so that a half has some 2100.
         let (numbers, told) = record_on(10 * MIN_DUMP_BYTES, u32::MAX, 10_000);
         assert!(told.is_empty() && numbers.len() > 2114 && numbers.last() == Some(&9_999));
-        // No room for two halves: the older one goes, the newest frames are there, and all blocks are whole.
+        // No space for two halves: the older one is dropped, the newest frames are kept, and all blocks are
+        // whole.
         let (numbers, told) = record_on(half + half / 2, u32::MAX, 10_000);
         assert!(
             numbers.len() > 100 && numbers.last() == Some(&9_999),
@@ -648,7 +649,7 @@ mod tests {
                 .all(|(_, trouble)| *trouble == DumpTrouble::HalfDropped { errno })
         );
         assert!(told[0].0 > 2000 && told[0].0 < 3400, "{told:?}");
-        // Others fill the disk while the newer half grows.
+        // Other processes fill the disk while the newer half grows.
         let (numbers, told) = record_on(10 * MIN_DUMP_BYTES, 3_000, 4_000);
         assert!(
             numbers[0] > 2000 && numbers.last() == Some(&3_999),
@@ -659,7 +660,7 @@ mod tests {
             matches!(told[..], [(at, DumpTrouble::HalfDropped { .. })] if at < 3_060),
             "{told:?}"
         );
-        // Room for both halves, and none to join them: the newer one stays as it is.
+        // Space for both halves, but not to join them: the newer one is unchanged.
         let (numbers, told) = record_on(2 * half + 1024, u32::MAX, 3_000);
         assert!(
             numbers.len() > 500 && numbers.last() == Some(&2_999),

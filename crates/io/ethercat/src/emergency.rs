@@ -1,7 +1,8 @@
-//! Emergency messages of devices (CoE, ETG.1000.6, 5.6.4): taken out of the wire before ethercrab sees them.
+//! Emergency messages of devices (CoE, ETG.1000.6, 5.6.4), removed from the wire before ethercrab receives
+//! them.
 //!
 //! A device puts an emergency message into the mailbox in which its reply to an object is expected. ethercrab
-//! 0.7 takes whatever is there for the reply, and asserts that it is no emergency message.
+//! 0.7 treats any message there as the reply, and asserts that it is no emergency message.
 //! [`EmergencyFilter`] records the message and reads the mailbox again until the reply is there:
 //!
 //! ```text
@@ -18,20 +19,20 @@ const DATA: usize = DATAGRAM + 10;
 /// Commands of datagrams: read and write by station address.
 const FPRD: u8 = 4;
 const FPWR: u8 = 5;
-/// Registers end here, and the memory with the mailboxes begins.
+/// Start of the memory with the mailboxes, after the registers.
 const MEMORY: u16 = 0x1000;
 /// Header of the mailbox, of CoE, and an emergency: error code, error register, 5 bytes of data.
 const EMERGENCY_BYTES: usize = 6 + 2 + 8;
 const COE: u8 = 3;
 const EMERGENCY: u8 = 1;
-/// From one look into an empty mailbox to the next, ns.
+/// Interval between readings of an empty mailbox, ns.
 const AGAIN_NS: u64 = 1_000_000;
-/// Kinds of messages that are kept until they are reported.
+/// Maximum number of different messages kept until they are reported.
 const MAX_KEPT: usize = 32;
 /// Longest frame.
 const FRAME: usize = 1600;
 
-/// What a device has sent by itself.
+/// An emergency message of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Emergency {
     /// Station address of the device.
@@ -52,7 +53,7 @@ struct Datagram<'a> {
 }
 
 impl<'a> Datagram<'a> {
-    /// The only datagram of a frame; none if there are several, or if it is cut off.
+    /// The only datagram of a frame; `None` if there are several, or if it is truncated.
     fn of(frame: &'a [u8]) -> Option<Self> {
         let header = frame.get(DATAGRAM..DATA)?;
         let word = |at: usize| u16::from_le_bytes([header[at], header[at + 1]]);
@@ -83,25 +84,25 @@ impl<'a> Datagram<'a> {
     }
 }
 
-/// What becomes of a frame that has come.
+/// Treatment of a received frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Passage {
-    /// ethercrab gets it.
+    /// Passed on to ethercrab.
     Pass,
-    /// It is kept from ethercrab; the mailbox is read again.
+    /// Withheld from ethercrab; the mailbox is read again.
     Hold,
 }
 
-/// Looks at every frame in both directions. It does not allocate.
+/// Examines every frame in both directions. Does not allocate.
 pub(crate) struct EmergencyFilter {
     /// Station that has a request for an object and has not replied.
     asked: Option<u16>,
     /// The last frame that reads that station's mailbox.
     read: [u8; FRAME],
     read_bytes: usize,
-    /// When it is sent again.
+    /// Time at which this frame is sent again.
     again_ns: Option<u64>,
-    /// An emergency has come in place of the reply.
+    /// An emergency message arrived instead of the reply.
     is_waiting: bool,
     kept: [Option<Emergency>; MAX_KEPT],
 }
@@ -118,7 +119,7 @@ impl EmergencyFilter {
         }
     }
 
-    /// A frame leaves.
+    /// Examines a frame to be sent.
     pub(crate) fn sent(&mut self, frame: &[u8]) {
         let Some(datagram) = Datagram::of(frame) else {
             return;
@@ -135,7 +136,7 @@ impl EmergencyFilter {
         (self.is_waiting, self.again_ns) = (false, None);
     }
 
-    /// A frame has come.
+    /// Examines a received frame.
     pub(crate) fn came(&mut self, frame: &[u8], now_ns: u64) -> Passage {
         let Some(datagram) = Datagram::of(frame).filter(|datagram| datagram.is_of_mailbox(FPRD)) else {
             return Passage::Pass;
@@ -144,7 +145,7 @@ impl EmergencyFilter {
         if let Some(emergency) = datagram.emergency() {
             self.keep(emergency);
             if !is_asked {
-                // ethercrab empties a mailbox before it asks, whatever is in it.
+                // ethercrab empties a mailbox before a request, whatever it contains.
                 return Passage::Pass;
             }
             (self.is_waiting, self.again_ns) = (true, Some(now_ns));
@@ -160,19 +161,19 @@ impl EmergencyFilter {
         Passage::Pass
     }
 
-    /// When a mailbox is to be read again.
+    /// Time at which a mailbox is to be read again.
     pub(crate) const fn again_ns(&self) -> Option<u64> {
         self.again_ns
     }
 
-    /// The frame that reads the mailbox again, where it is time.
+    /// Returns the frame that reads the mailbox again, if it is due.
     pub(crate) fn take_again(&mut self, now_ns: u64) -> Option<&[u8]> {
         self.again_ns.filter(|at_ns| *at_ns <= now_ns)?;
         self.again_ns = None;
         Some(&self.read[..self.read_bytes])
     }
 
-    /// A device repeats itself: each message is kept once.
+    /// Devices repeat messages: each is kept once.
     fn keep(&mut self, emergency: Emergency) {
         if self.kept.contains(&Some(emergency)) {
             return;
@@ -182,7 +183,7 @@ impl EmergencyFilter {
         }
     }
 
-    /// The messages that have come.
+    /// The messages received.
     pub(crate) fn kept(&self) -> impl Iterator<Item = Emergency> + '_ {
         self.kept.iter().flatten().copied()
     }
@@ -263,7 +264,7 @@ mod tests {
         assert_eq!(filter.came(&reply, 5), Passage::Pass);
         assert_eq!(filter.take_again(u64::MAX), None);
         assert_eq!(filter.kept().count(), 1, "each is kept once");
-        // The mailbox of a device without a message: ethercrab's own matter.
+        // The mailbox of a device without a message: handled by ethercrab.
         let empty = frame(FPRD, 0x1002, 0x1080, &[0; 128], 0);
         assert_eq!(filter.came(&empty, 5), Passage::Pass);
     }
@@ -272,7 +273,7 @@ mod tests {
     fn other_frames_pass_whatever_is_in_them() {
         let mut filter = EmergencyFilter::new();
         filter.sent(&frame(FPWR, 0x1002, 0x1000, &mailbox(2), 0));
-        // Of another device, a register, a mailbox that is too short, and frames that are cut off.
+        // Another device, a register, a mailbox that is too short, and truncated frames.
         let whole = frame(FPRD, 0x1003, 0x1080, &mailbox(3), 1);
         assert_eq!(filter.came(&whole, 5), Passage::Pass);
         for came in [

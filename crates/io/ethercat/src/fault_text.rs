@@ -215,7 +215,7 @@ mod tests {
         for vendor in [PANASONIC, MAXON, YASKAWA, 0] {
             assert_eq!(fault_text_of(vendor, 0x4310), fault_text(0x4310));
         }
-        // FF18h of anybody else is not Panasonic's.
+        // FF18h of another vendor is not Panasonic's.
         assert!(fault_text_of(0, 0xFF18).contains("manufacturer"));
     }
 }

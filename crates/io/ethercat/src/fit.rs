@@ -8,7 +8,7 @@ use thiserror::Error;
 use crate::network::{Network, NetworkDevice};
 use crate::signal::{Channel, ChannelForm, NetworkOutput, OutputSource};
 
-/// Increments per second that fit the velocity offset (60B1h) twice over.
+/// Maximum increments per second: the velocity offset (60B1h) holds twice as many.
 const MAX_INCREMENTS_PER_S: f64 = 1e9;
 /// Rates that drives usually have, Hz.
 const USUAL_RATES_HZ: [u32; 5] = [250, 500, 1000, 2000, 4000];
@@ -186,7 +186,7 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
             return Err(FitError::NoDevice { letter });
         }
         for axis in drives {
-            // Once it has homed, its drive is as good as one with an absolute encoder.
+            // Once its drive has homed, it is equivalent to one with an absolute encoder.
             let by_core = |homing: &HomingSettings| {
                 homing.axis == listed.letter && homing.method != HomingMethod::Absolute
             };
@@ -213,7 +213,7 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
                 });
             }
             let travel = per_unit * (listed.travel_max - listed.travel_min);
-            // The counts of an unlimited axis wrap round, and are followed.
+            // The counts of an unlimited axis wrap around, and are tracked.
             if listed.unlimited.is_none() && travel > f64::from(u32::MAX) {
                 return Err(FitError::Travel {
                     letter,
@@ -248,7 +248,7 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
     Ok(())
 }
 
-/// Whether the drives can be given the period of the machine file. `serve --rate` may choose another, which
+/// Checks whether the drives can use the period of the machine file. `serve --rate` may choose another, which
 /// each session checks.
 fn check_period(machine: &Machine) -> Result<(), FitError> {
     let period_ns = machine.period_ns(machine.rate)?;
@@ -267,14 +267,14 @@ fn check_period(machine: &Machine) -> Result<(), FitError> {
     })
 }
 
-/// Notes about a valid pair of files: a probe that no drive reports, axes that only their drives know as
-/// homed, and spindles of which one file says that they are measured and the other does not.
+/// Notes about a valid pair of files: a probe that no drive reports, axes that only their drives home, and
+/// spindles that are measured according to only one of the files.
 #[must_use]
 pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
     let mut notes = Vec::new();
     let drives = || network.devices.iter().filter_map(|device| device.axis);
     if machine.signals.probe.is_none() {
-        // Whatever a drive reports, nobody uses it.
+        // A drive's report is not used.
     } else if !drives().any(|axis| axis.touch_probe) {
         notes.push(
             "the machine file has [probe], and no drive of the network file has touch_probe = true: G38 \

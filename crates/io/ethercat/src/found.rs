@@ -78,7 +78,7 @@ impl FoundDevice {
 
 fn pdo_lines(device: &FoundDevice, mut line: impl FnMut(String)) {
     for (direction, pdos) in [("outputs", device.outputs()), ("inputs", device.inputs())] {
-        // By which signals are named in a network file.
+        // Bits are the positions of signals in a network file.
         let mut bit = 0;
         for pdo in pdos {
             line(

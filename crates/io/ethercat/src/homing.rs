@@ -24,7 +24,7 @@ pub struct HomingOnDrive {
     pub acceleration: Option<u32>,
     /// Machine coordinate of the drive's home position.
     pub position: f64,
-    /// Its position in the sequence, the smallest first.
+    /// Its order in the sequence, the smallest first.
     pub order: u32,
     /// Maximum duration, s.
     pub timeout_s: f64,

@@ -26,8 +26,8 @@
 //!
 //! [`run`] is the bridge. The MainDevice is `ethercrab`, driven by the thread of the cycle itself: a future
 //! is polled until its frames have returned, so a cycle has no other thread to wait for. The end of a session
-//! (frames lost, a device gone) stops the feedback, which is a stop for the core; then the network is brought
-//! up again, under a new instance.
+//! (frames lost, a device missing) stops the feedback, which makes the core stop the axes. Then the network
+//! is brought up again, under a new instance.
 
 mod al_status_text;
 mod axis;

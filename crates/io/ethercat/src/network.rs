@@ -30,7 +30,7 @@ pub const MAX_DEVICES: usize = 32;
 /// Why a network file was rejected.
 #[derive(Debug, Error)]
 pub enum NetworkError {
-    /// It gives no text.
+    /// The file cannot be read as text.
     #[error(transparent)]
     File(#[from] TextFileError),
     /// A key is unknown, missing or invalid.
@@ -43,13 +43,13 @@ pub enum NetworkError {
 pub struct Network {
     /// The network interface.
     pub interface: Option<String>,
-    /// Frames in a row that may be lost.
+    /// Maximum number of consecutive lost frames.
     pub max_lost_cycles: u32,
     /// Whether SYNC0 is used.
     pub distributed_clocks: bool,
     /// Whether its axes have guessed values.
     pub is_unchecked: bool,
-    /// The devices in their order.
+    /// The devices in order.
     pub devices: Vec<NetworkDevice>,
 }
 
@@ -242,7 +242,7 @@ impl Network {
                     "give the first drive of the gantry the same letter, without [device.axis.gantry]",
                 ));
             };
-            // Otherwise one drive would know its position and the other would not.
+            // Otherwise only one of the drives would know its position.
             let alike = first.absolute == axis.absolute
                 && first.homing.map(|homing| homing.order) == axis.homing.map(|homing| homing.order);
             if !alike {

@@ -64,7 +64,7 @@ const fn position_object(probe: ProbeNumber) -> Mapped {
     }
 }
 
-/// What the drive is given each period.
+/// The target object of a drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum TargetObject {
     /// 607Ah, for axes.
@@ -152,7 +152,7 @@ pub enum PdoError {
         index: u16,
         /// Its size.
         bits: u8,
-        /// Its place.
+        /// Its first bit.
         at: usize,
     },
 }
@@ -378,7 +378,7 @@ mod tests {
             (read.following_error, read.probe_status, read.probe_position),
             (Some(-3), 3, 0x1_0000)
         );
-        // The latch of the zero impulse beside it: 60BCh comes after 60BAh, and must be there.
+        // The latch of the zero impulse in addition: 60BCh follows 60BAh, and must be present.
         let both = Extras {
             index_probe: Some(ProbeNumber::Two),
             ..extras

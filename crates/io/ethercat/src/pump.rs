@@ -1,5 +1,5 @@
-//! Drives the futures of the MainDevice on the calling thread: polls, sends their frames, passes them the
-//! replies.
+//! Drives the futures of the MainDevice on the calling thread: polls them, sends their frames, and passes on
+//! the replies.
 
 use core::future::Future;
 use core::pin::pin;
@@ -17,7 +17,7 @@ use crate::time_driver::{forget_timers, next_timer_ns};
 /// Maximum wait for a frame, ns: timers are checked in between.
 const PATIENCE_NS: u64 = 1_000_000;
 
-/// One end of the wire. It does not allocate.
+/// One end of the wire. Does not allocate.
 pub(crate) struct Pump<'s, 'd> {
     tx: PduTx<'s>,
     rx: PduRx<'s>,
@@ -26,7 +26,7 @@ pub(crate) struct Pump<'s, 'd> {
     dump: Option<&'s mut DumpSender<'d>>,
     buffer: [u8; 1600],
     emergencies: EmergencyFilter,
-    /// Time that was spent waiting for frames, ns.
+    /// Time spent waiting for frames, ns.
     waited_ns: u64,
 }
 
@@ -48,17 +48,17 @@ impl<'s, 'd> Pump<'s, 'd> {
         }
     }
 
-    /// Time that was spent waiting for frames since it was made, ns.
+    /// Time spent waiting for frames since it was made, ns.
     pub(crate) const fn waited_ns(&self) -> u64 {
         self.waited_ns
     }
 
-    /// The emergency messages of devices that have come so far, each once.
+    /// The emergency messages received so far, each once.
     pub(crate) fn emergencies(&self) -> impl Iterator<Item = Emergency> + '_ {
         self.emergencies.kept()
     }
 
-    /// Runs a future to its end, but not beyond `until_ns`: then it is dropped, and its replies are lost.
+    /// Runs a future to its end, or until `until_ns`: then it is dropped, and its replies are lost.
     pub(crate) fn complete<T>(&mut self, until_ns: u64, future: impl Future<Output = T>) -> Option<T> {
         let mut future = pin!(future);
         let mut context = Context::from_waker(Waker::noop());

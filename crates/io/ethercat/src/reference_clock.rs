@@ -1,16 +1,16 @@
 //! The time of the reference clock, whose register 0910h has 64 bits or 32.
 
-/// The system time of the reference without wrap-around. A clock of 32 bits begins again each 4.3 s, which is
-/// no whole number of periods: SYNC0 goes on at the periods of the time before.
+/// The system time of the reference without wrap-around. A 32-bit clock wraps every 4.3 s, which is not a
+/// whole number of periods: SYNC0 continues with the periods from before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ReferenceClock {
     time_ns: u64,
-    /// When it was read last, by the clock of this computer.
+    /// Time of the last reading, by the clock of this computer.
     read_ns: u64,
 }
 
 impl ReferenceClock {
-    /// From a first reading, by which SYNC0 was set up; `now_ns` is of this computer's clock.
+    /// Starts with the reading by which SYNC0 was set up; `now_ns` is of this computer's clock.
     pub(crate) const fn new(register: u64, now_ns: u64) -> Self {
         Self {
             time_ns: register,
@@ -18,9 +18,9 @@ impl ReferenceClock {
         }
     }
 
-    /// The time of a reading. The lower half is right for both kinds; the upper half is the one that fits
-    /// what has passed by this computer's clock: devices may take seconds to their next state, and two clocks
-    /// are apart by less than 2.1 s after hours.
+    /// The time of a reading. The lower half is correct for both kinds of clocks; the upper half is chosen to
+    /// match the time elapsed on this computer's clock: devices may take seconds to reach their next state,
+    /// and two clocks differ by less than 2.1 s after hours.
     pub(crate) const fn take(&mut self, register: u64, now_ns: u64) -> u64 {
         let expected_ns = self.time_ns.wrapping_add(now_ns.wrapping_sub(self.read_ns));
         self.time_ns = same_time(register, expected_ns);
@@ -29,8 +29,8 @@ impl ReferenceClock {
     }
 }
 
-/// A time of one clock, at most 2.1 s away, by another that has the same lower 32 bits: `now_ns` is what its
-/// register shows.
+/// Converts a time of one clock, at most 2.1 s away, to another clock with the same lower 32 bits, whose
+/// register shows `now_ns`.
 pub(crate) const fn same_time(time_ns: u64, now_ns: u64) -> u64 {
     let ahead_ns = (time_ns as u32).wrapping_sub(now_ns as u32).cast_signed();
     now_ns.wrapping_add_signed(ahead_ns as i64)
@@ -75,7 +75,7 @@ mod tests {
                     "{mask:x} at {period}"
                 );
             }
-            // Devices that take long to their next state, over one wrap and over three.
+            // Devices that take long to reach their next state, over one wrap and over three.
             for pause_ns in [3_000_000_000, 13_000_000_000] {
                 let mut clock = ReferenceClock::new(begin_ns & mask, 5000);
                 let time_ns = begin_ns + pause_ns;

@@ -46,7 +46,7 @@ pub struct BridgeReport {
     pub connections: u32,
     /// Number of times that the network was brought up, or that it failed.
     pub sessions: u64,
-    /// Number of times that all devices came to OP.
+    /// Number of times that all devices reached OP.
     pub ready: u64,
     /// Cycles of the network.
     pub cycles: u64,
@@ -89,8 +89,8 @@ pub enum RunError {
     },
 }
 
-/// Runs until `stop` is set or the time is up. Waits for its core and its network, outlives both, and finds
-/// the next ones. `tell` receives the messages for the log.
+/// Runs until `stop` is set or the time is up. Waits for its core and its network, keeps running when either
+/// ends, and connects to the next one. `tell` receives the messages for the log.
 ///
 /// # Errors
 /// The file of the recording or the interface cannot be opened, or the core does not match the network.
@@ -105,7 +105,7 @@ pub fn run(
 /// Like [`run`], and records the times of its cycles.
 ///
 /// # Errors
-/// As there.
+/// As for [`run`].
 pub fn run_measured(
     settings: &RunSettings,
     stop: &AtomicBool,
@@ -118,8 +118,8 @@ pub fn run_measured(
         file: wanted.path.display().to_string(),
         source,
     };
-    // Before the interface, which may come up later: a path that cannot be written stays one. The last
-    // recording is kept until this one begins.
+    // Checked before the interface, which may come up later, because an unwritable path is a permanent error.
+    // The last recording is kept until this one begins.
     if let Some(wanted) = &settings.dump {
         dump::check(wanted).map_err(|source| dump_failed(wanted, source))?;
     }

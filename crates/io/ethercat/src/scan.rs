@@ -1,5 +1,5 @@
-//! Lists the devices on the wire: their states first, then EEPROMs and, in PRE-OP, objects. Devices end in
-//! INIT.
+//! Lists the devices on the wire: reads their states first, then EEPROMs and, in PRE-OP, objects. Leaves the
+//! devices in INIT.
 
 use core::ops::Deref;
 use core::panic::AssertUnwindSafe;
@@ -44,7 +44,7 @@ pub enum ScanError {
         /// The error of the system.
         source: std::io::Error,
     },
-    /// Nobody answers.
+    /// No device replies.
     #[error("no device replies: check cable, interface and supply")]
     NoDevices,
     /// More devices than supported.
@@ -168,8 +168,8 @@ async fn scan_main<'m>(main: &'m MainDevice<'m>) -> Result<Vec<FoundDevice>, Sca
             .await
             .map_err(failed("reading features"))?;
         devices.push(FoundDevice {
-            // Bit 2: it has a clock; bit 3: of 64 bits. ethercrab's `DcSupport` asks for bit 8, which is
-            // about extras of SYNC0.
+            // Bit 2: it has a clock; bit 3: of 64 bits. ethercrab's `DcSupport` tests bit 8, which concerns
+            // options of SYNC0.
             clock: match features >> 2 & 0b11 {
                 0b01 => "32 bits",
                 0b11 => "64 bits",
@@ -213,7 +213,7 @@ async fn read_sii<S: Deref<Target = SubDevice>>(
     let mut filled = 0;
     loop {
         while filled < image.len() {
-            // Copied in blocks of 16 words: an end in the middle of a word is read with it.
+            // Copied in blocks of 16 words: an end within a word is read together with the word.
             let begin = filled & !1;
             let end = (begin + 32).min(image.len());
             let read = subdevice
@@ -303,7 +303,7 @@ async fn read_assignment<S: Deref<Target = SubDevice>>(
     Ok(pdos)
 }
 
-/// Names that the EEPROM has for the same objects.
+/// Adds the EEPROM's names of the same objects.
 fn name_from(pdos: &mut [Pdo], known: &[Pdo]) {
     for pdo in pdos {
         if let Some(same) = known.iter().find(|other| other.index == pdo.index) {

@@ -33,7 +33,7 @@ use crate::signal_set::SignalSet;
 use crate::socket::PacketSocket;
 use crate::spindle_drive::SpindleDrive;
 
-/// Maximum number of frames under way, and the data of each.
+/// Maximum number of frames in flight, and their data size.
 const FRAMES: usize = 16;
 const FRAME_DATA: usize = PduStorage::element_size(1100);
 /// Bytes of process data of all devices.
@@ -62,12 +62,12 @@ type Group<S> = SubDeviceGroup<MAX_DEVICES, IMAGE, DefaultLock, Op, S>;
 /// Counters over all sessions.
 #[derive(Debug, Default)]
 pub(crate) struct Counters {
-    /// Times that all devices came to OP.
+    /// Number of times that all devices reached OP.
     pub(crate) ready: AtomicU64,
     pub(crate) cycles: AtomicU64,
     pub(crate) lost: AtomicU64,
     pub(crate) short: AtomicU64,
-    /// Where drives have begun.
+    /// Start offsets of the drives.
     pub(crate) starts: Starts,
 }
 
@@ -117,7 +117,7 @@ impl Devices {
         }
     }
 
-    /// Calls with the outputs of a device.
+    /// Calls a function with the outputs of a device.
     fn with_outputs<'m, R>(
         &self,
         main: &'m MainDevice<'m>,
@@ -130,7 +130,7 @@ impl Devices {
         }
     }
 
-    /// Calls with the inputs of a device.
+    /// Calls a function with the inputs of a device.
     fn with_inputs<'m, R>(
         &self,
         main: &'m MainDevice<'m>,
@@ -144,7 +144,7 @@ impl Devices {
     }
 }
 
-/// Brings the network up and runs the cycle until something ends it; returns `Ok` if it was asked to stop.
+/// Brings the network up and runs the cycle until something ends it; returns `Ok` if a stop was requested.
 pub(crate) fn run_session(
     socket: &PacketSocket,
     network: &Network,
@@ -254,7 +254,7 @@ pub(crate) fn run_session(
     }
 }
 
-/// The state of a name.
+/// The state with a name.
 fn state_of(wanted: &str) -> SubDeviceState {
     match wanted {
         "PRE-OP" => SubDeviceState::PreOp,
@@ -288,7 +288,7 @@ fn tell_states<'m>(
         });
         let name = &device.name;
         match read {
-            // Devices may keep an old code: the error bit tells whether it counts.
+            // Devices may keep an old code: it is valid only with the error bit.
             Some(Ok((number, code))) if number & 0x0F < u8::from(wanted) || number & AL_ERROR != 0 => {
                 let state = SubDeviceState::from(number & 0x0F);
                 let remedy = what_to_check(code.into()).map_or_else(String::new, |text| format!(": {text}"));

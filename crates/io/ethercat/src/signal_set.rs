@@ -23,13 +23,13 @@ struct Input {
     number: u32,
     channel: Channel,
     error_bit: Option<u32>,
-    /// The core rejects a message with a value outside.
+    /// Range outside of which the core rejects a message.
     range: [f64; 2],
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Source {
-    /// Of the machine file: number, and the safe value until the core sends one.
+    /// An output of the machine file: number, and the safe value until the core sends one.
     Digital {
         number: u32,
         safe: f64,
@@ -49,7 +49,7 @@ struct Output {
     channel: Channel,
 }
 
-/// All signals behind one follower. Only the constructor allocates.
+/// All signals of a session, with one follower. Only the constructor allocates.
 #[derive(Debug)]
 pub(crate) struct SignalSet {
     inputs: Vec<Input>,
@@ -137,7 +137,7 @@ impl SignalSet {
         }
     }
 
-    /// From now on all outputs are safe, whatever the core sends.
+    /// Makes all outputs safe from now on, whatever the core sends.
     pub(crate) const fn end(&mut self) {
         self.ending = true;
     }
@@ -147,7 +147,7 @@ impl SignalSet {
         &self.in_force
     }
 
-    /// The core has gone, or the session ends.
+    /// Whether the core is silent, or the session ends.
     pub(crate) fn is_silent(&self, now_ns: u64) -> bool {
         self.ending
             || self
@@ -207,7 +207,7 @@ impl SignalSet {
         }
     }
 
-    /// Reads inputs of a device from its process data; they are unknown if these are (`image` none).
+    /// Reads inputs of a device from its process data; they are unknown if `image` is `None`.
     pub(crate) fn read(&mut self, device: usize, image: Option<&[u8]>) {
         for input in self.inputs.iter().filter(|input| input.device == device) {
             let bit = |at: u32| image.and_then(|image| get_bits(image, at, 1));
@@ -266,7 +266,7 @@ impl SignalSet {
         }
     }
 
-    /// The message of this period, if one is due: a change, or the last one is old.
+    /// Returns the message of this period, if one is due: after a change, or if the last one is old.
     pub(crate) fn message(&mut self, now_ns: u64) -> Option<MachineInputs> {
         if !self.speaks {
             return None;
@@ -287,7 +287,7 @@ fn set(bits: &mut u64, mask: u64, is_on: bool) {
     *bits = if is_on { *bits | mask } else { *bits & !mask };
 }
 
-/// Bits of process data, the lowest first; none if there are not enough.
+/// Bits of process data, the lowest first; `None` if there are not enough.
 fn get_bits(image: &[u8], at: u32, bits: u32) -> Option<u64> {
     (0..bits).try_fold(0, |number, i| {
         let byte = image.get((at + i) as usize / 8)?;

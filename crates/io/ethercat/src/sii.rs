@@ -98,7 +98,7 @@ fn categories(image: &[u8]) -> impl Iterator<Item = (u16, &[u8])> {
     })
 }
 
-/// Number of bytes required to distinguish the next category from the end; none if the image is complete.
+/// Number of bytes required to distinguish the next category from the end; `None` if the image is complete.
 pub(crate) fn bytes_wanted(image: &[u8]) -> Option<usize> {
     let mut at = HEAD_BYTES;
     loop {

@@ -68,9 +68,9 @@ impl PacketSocket {
         let _ready = unsafe { libc::ppoll(&raw mut poll, 1, &raw const patience, core::ptr::null()) };
     }
 
-    /// Reads the next frame into a buffer; none if there is none.
+    /// Reads the next frame into a buffer; `None` if there is none.
     pub(crate) fn receive<'a>(&self, buffer: &'a mut [u8]) -> Option<&'a [u8]> {
-        // SAFETY: the buffer has the length that is told.
+        // SAFETY: the buffer has the stated length.
         let length = unsafe {
             libc::recv(
                 self.descriptor.as_raw_fd(),
@@ -84,7 +84,7 @@ impl PacketSocket {
 
     /// Sends a frame.
     pub(crate) fn send(&self, frame: &[u8]) -> io::Result<usize> {
-        // SAFETY: the buffer has the length that is told.
+        // SAFETY: the buffer has the stated length.
         let sent = unsafe { libc::send(self.descriptor.as_raw_fd(), frame.as_ptr().cast(), frame.len(), 0) };
         checked(sent as i64).map(|sent| sent as usize)
     }

@@ -1,7 +1,7 @@
 //! A spindle drive: CiA 402 in cyclic synchronous velocity, its position as the angle of the spindle.
 //!
-//! M19 is a position loop of the bridge on the velocity, in the same mode: it works with every drive that has
-//! mode 9, and a change of mode under power is what drives do least alike.
+//! M19 is a position loop of the bridge that commands the velocity in the same mode. It works with every
+//! drive that has mode 9, and avoids a change of mode under power, in which drives differ most.
 
 use evolvent_bus::{MachineOutputs, SpindleFeedback};
 use evolvent_drive::{
@@ -26,17 +26,17 @@ const COMMUNICATION: u16 = 0x7500;
 /// Number of periods for which the fault reset bit is held.
 const RESET_PERIODS: u32 = 5;
 
-/// Longest period that counts, s: the first has no beginning.
+/// Maximum period that counts, s: the first one has no start time.
 const MAX_PERIOD_S: f64 = 0.01;
 
-/// What happens to a spindle, for the user.
+/// Events of a spindle, for the user.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SpindleNotice {
-    /// Its encoder.
+    /// Its encoder has a fault.
     Encoder(SpindleEncoderFault),
     /// Its drive is in fault, with this code.
     DriveFault(u16),
-    /// M19, and nothing can turn it to an angle.
+    /// M19 was commanded, and nothing can turn the spindle to an angle.
     NotOriented,
 }
 
@@ -45,13 +45,13 @@ pub enum SpindleNotice {
 pub(crate) struct SpindleDrive {
     settings: NetworkSpindle,
     controller: Cia402,
-    /// When it was stepped last, ns.
+    /// Time of the last step, ns.
     stepped_ns: u64,
     inputs: DriveInputs,
     has_inputs: bool,
     encoder: SpindleEncoder,
     zero_impulse: ZeroImpulse,
-    /// The zero impulse is looked for.
+    /// The latch of the zero impulse is armed.
     is_armed: bool,
     orientation: Option<SpindleOrientation>,
     power: SpindlePower,
@@ -67,7 +67,7 @@ pub(crate) struct SpindleDrive {
 }
 
 impl SpindleDrive {
-    /// The spindle drives of a network, in their order.
+    /// The spindle drives of a network, in order.
     pub(crate) fn all(machine: &Machine, network: &Network, instance: u64) -> Vec<Self> {
         let settings = network.devices.iter().filter_map(|device| device.spindle);
         settings
@@ -101,7 +101,7 @@ impl SpindleDrive {
             .collect()
     }
 
-    /// Its device does not reply, or is not in OP.
+    /// Marks its device as lost: it does not reply, or is not in OP.
     pub(crate) const fn set_lost(&mut self) {
         self.is_lost = true;
     }
@@ -111,7 +111,7 @@ impl SpindleDrive {
         state.is_some_and(DriveState::has_torque)
     }
 
-    /// Takes the inputs of a period, and the time at which the drive had sampled them.
+    /// Takes the inputs of a period, and the time at which the drive sampled them.
     pub(crate) fn take(&mut self, inputs: DriveInputs, sampled_ns: u64) {
         self.inputs = inputs;
         self.has_inputs = true;
@@ -165,12 +165,12 @@ impl SpindleDrive {
         }
     }
 
-    /// Number and news of it, once each.
+    /// Returns the number of the spindle and its next event, once each.
     pub(crate) fn take_news(&mut self) -> Option<(usize, SpindleNotice)> {
         Some((self.settings.number, self.news.take()?))
     }
 
-    /// The outputs of a period. `is_silent`: the core has gone, or the session ends.
+    /// Computes the outputs of a period. `is_silent`: the core is silent, or the session ends.
     pub(crate) fn outputs(
         &mut self,
         wanted: &MachineOutputs,
@@ -196,7 +196,7 @@ impl SpindleDrive {
         }
         let stands = self.encoder.is_standing();
         if direction == STOPPED && stands && self.encoder.fault().is_some() {
-            // The alarm has stopped it: what comes next begins with another zero.
+            // The alarm has stopped it: the next motion begins with a new zero.
             self.encoder.reset();
             (self.is_armed, _) = (false, self.zero_impulse.disarm());
         }
@@ -219,11 +219,11 @@ impl SpindleDrive {
         };
         let turns = matches!(direction, CLOCKWISE | COUNTER_CLOCKWISE)
             || direction == ORIENT && self.orientation.is_some();
-        // By its last inputs also where it is lost: it may still hear.
+        // Uses the last inputs even if the drive is lost, because it may still receive.
         let had_torque = DriveState::decode(self.inputs.status_word).is_some_and(DriveState::has_torque);
         let is_on = self.power.step(turns, stands, had_torque);
         let power = match (is_on, is_silent) {
-            // It brakes in operation, by the speed zero; without the core as fast as it can.
+            // It brakes in operation, with speed zero; without a core it brakes by its quick stop.
             (true, false) => PowerRequest::On,
             (true, true) => PowerRequest::QuickStop,
             (false, _) => PowerRequest::Off,
@@ -308,7 +308,7 @@ mod tests {
         shaft: f64,
         now_ns: u64,
         fault_reset: Option<u32>,
-        /// How often the drive has come into operation.
+        /// Number of times that the drive has come into operation.
         switch_ons: u32,
         word: u16,
     }
@@ -330,7 +330,7 @@ mod tests {
             }
         }
 
-        /// Periods of a ms at a speed of the shaft.
+        /// Runs periods of 1 ms at a speed of the shaft.
         fn turn(&mut self, periods: u32, mut rpm: impl FnMut() -> f64, events: DriveEvents) {
             for _ in 0..periods {
                 self.now_ns += MS;
@@ -362,12 +362,12 @@ mod tests {
     #[test]
     fn only_a_command_switches_the_drive_on() {
         let mut bench = Bench::new();
-        // A hand, and an encoder at rest whose noise is two increments.
+        // Turned by hand, then an encoder at rest with noise of two increments.
         bench.turn(2000, || 5.0, READY);
         let mut random = Random::new();
         bench.turn(2000, || random.between(-2.0, 2.0) * 60e3 / 1_048_576.0, READY);
         assert_eq!(bench.switch_ons, 0);
-        // M3, then M5: it brakes in operation until it stands, and is off then.
+        // M3, then M5: it brakes in operation until standstill, and is off then.
         (bench.wanted.spindle_direction[0], bench.wanted.spindle_rpm[0]) = (CLOCKWISE, 300.0);
         bench.turn(500, || 300.0, READY);
         bench.wanted.spindle_direction[0] = STOPPED;
@@ -408,7 +408,7 @@ mod tests {
         };
         bench.turn(5, || 0.0, READY);
         bench.turn(5, || 0.0, fault);
-        // A core that has reset three faults before this session, and one that has begun again.
+        // A core that has reset three faults before this session, and one that has restarted.
         for count in [None, Some(3), None, Some(0)] {
             bench.fault_reset = count;
             bench.turn(20, || 0.0, READY);

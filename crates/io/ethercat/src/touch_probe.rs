@@ -1,11 +1,11 @@
-//! Touch probe 1 of a drive (60B8h, 60B9h, 60BAh), always armed for the next rising edge, and the touches
-//! that several drives latch.
+//! Touch probe 1 of a drive (60B8h, 60B9h, 60BAh), always armed for the next rising edge, and touches latched
+//! by several drives.
 
 use evolvent_bus::AXES;
 use evolvent_path::AxisMask;
 
-/// Edges of all drives within this time are of one touch, ns: a contact bounces for some ms, and no touch
-/// ends and comes again sooner.
+/// Edges of all drives within this time belong to one touch, ns: a contact bounces for some ms, and no touch
+/// ends and recurs sooner.
 const TOUCH_NS: u64 = 20_000_000;
 
 /// Enabled, first event, probe input, rising edge.
@@ -44,25 +44,25 @@ impl TouchProbe {
 }
 
 /// The touches of a probe that is wired to several drives. A drive that has latched a bounce, or nothing, is
-/// out of step for this touch only.
+/// wrong for this touch only.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Touches {
     /// Touches since the start of the session.
     pub(crate) count: u64,
     begun_ns: u64,
-    /// Axes that have latched the last one, and where.
+    /// Axes that have latched the last touch, and the positions.
     pub(crate) axes: AxisMask,
     pub(crate) position: [f64; AXES],
 }
 
 impl Touches {
-    /// A drive has latched an edge at this machine coordinate of its axis.
+    /// Takes an edge that a drive has latched at this machine coordinate of its axis.
     pub(crate) fn take(&mut self, now_ns: u64, axis: usize, position: f64) {
         if self.count == 0 || now_ns.saturating_sub(self.begun_ns) > TOUCH_NS {
             self.count += 1;
             (self.begun_ns, self.axes) = (now_ns, AxisMask::NONE);
         }
-        // A second edge of the same touch is a bounce: the contact was where the first was.
+        // A second edge of the same touch is a bounce: the first edge is the contact.
         if !self.axes.contains(axis) {
             self.axes |= AxisMask::one(axis);
             self.position[axis] = position;

@@ -33,22 +33,22 @@ enum Phase {
     /// Nothing is to be latched.
     #[default]
     Off,
-    /// A latch of before has to be off first: the drive keeps it until then.
+    /// An earlier latch must be switched off first: the drive keeps it until then.
     Clearing,
-    /// The function is commanded; the drive has not said yet that it is enabled.
+    /// The function is commanded; the drive has not reported yet that it is enabled.
     Arming,
     /// The drive latches the next impulse.
     Armed,
 }
 
-/// What a period has shown.
+/// Result of one period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Latched {
     /// Nothing new.
     Nothing,
     /// From now on the drive latches the next impulse.
     Armed,
-    /// The impulse came at this position, in increments of the drive.
+    /// The impulse occurred at this position, in increments of the drive.
     At(i32),
 }
 
@@ -68,12 +68,12 @@ impl ZeroImpulse {
         }
     }
 
-    /// Latches the next impulse; a latch that is under way begins again.
+    /// Latches the next impulse; a latch in progress begins again.
     pub(crate) const fn arm(&mut self) {
         self.phase = Phase::Clearing;
     }
 
-    /// Nothing is to be latched any more.
+    /// Cancels the latch.
     pub(crate) const fn disarm(&mut self) {
         self.phase = Phase::Off;
     }
@@ -117,8 +117,8 @@ impl ZeroImpulse {
 mod tests {
     use super::*;
 
-    /// A drive according to CiA 402 that takes some periods for each change: what was latched persists until
-    /// the function is off.
+    /// A drive according to CiA 402 that takes some periods for each change: latched data persist until the
+    /// function is off.
     struct Drive {
         probe: ProbeNumber,
         functions: [u16; 3],
@@ -131,7 +131,7 @@ mod tests {
             Self {
                 probe,
                 functions: [0; 3],
-                // A session of before has left it like this.
+                // State left by an earlier session.
                 enabled: true,
                 stored: Some(-9),
             }
@@ -162,7 +162,7 @@ mod tests {
                 if [20, 100, 102, 130].contains(&period) {
                     latch.arm();
                 }
-                // One comes while the latch of before is still on in the drive, but off for the bridge.
+                // One occurs while the earlier latch is still on in the drive, but off for the bridge.
                 let impulse = (period % 25 == 0 || period == 104).then_some(1000 + period);
                 let status = drive.period(latch.function(probe), impulse);
                 match latch.step(probe, status, drive.stored.unwrap_or(0)) {
@@ -192,7 +192,7 @@ mod tests {
         );
     }
 
-    /// A request right after another: the drive must see that the function was off, though its status is
+    /// A request right after another: the drive must detect that the function was off, although its status is
     /// clear all the time.
     #[test]
     fn it_is_off_for_some_periods_before_it_is_armed_again() {

@@ -1,7 +1,7 @@
 //! The cycle neither allocates nor frees once all devices are in OP: drives that move, terminals, a fault of
 //! a drive.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -77,7 +77,7 @@ fn cycles_neither_allocate_nor_free() {
                             power_request: PowerRequest::On.number(),
                             ..Setpoint::default()
                         };
-                        // Y passes its zero impulse, where it starts, and it is asked for again and again.
+                        // Y passes its zero impulse near its start, and the impulse is requested repeatedly.
                         setpoint.position[1] = (sequence as f64 * 1e-2).sin() * 0.1;
                         (setpoint.index_request, setpoint.index_axis) = (sequence as u32 / 100, 1);
                         let _reached = bus.publish_setpoint(&setpoint);

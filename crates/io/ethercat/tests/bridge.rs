@@ -1,6 +1,6 @@
-//! The bridge on the simulated ring, over real sockets: what every bridge must do.
+//! The suite for all bridges, on the simulated ring over real sockets.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 #![expect(clippy::expect_used, clippy::print_stdout, reason = "a test")]
 
@@ -44,7 +44,7 @@ input = [{ name = "echo", number = 0 }]
 output = [{ name = "lamp", number = 0 }]
 "#;
 
-/// A spindle drive behind the axes and the inputs.
+/// A spindle drive after the axes and the inputs.
 const SPINDLE: &str = r#"
 [[device]]
 name = "spindle"
@@ -61,8 +61,7 @@ const MACHINE_SPINDLE: &str = "\n[[spindle]]\nmax_rpm = 3000\nfeedback = true\n"
 fn ethercat_bridge(machine: Machine, network: String) -> ThreadBridge {
     ThreadBridge::new(move |machine_name, prefix, stop| {
         let mut network = Network::parse(&network, "sim-mill.toml").expect("a network");
-        // The suite's period is 2 ms, the devices' watchdog 100 ms; a host that is busy may be late for so
-        // long.
+        // The suite's period is 2 ms, the devices' watchdog 100 ms; a busy host may be late for that long.
         network.max_lost_cycles = 40;
         let settings = RunSettings {
             machine: machine.clone(),
@@ -94,7 +93,7 @@ fn suite(cases: Range<usize>) {
     });
 }
 
-/// In halves that run at the same time, because each waits for something most of it.
+/// Two halves run at the same time, because each waits most of the time.
 const HALF: usize = CASES.len() / 2;
 
 #[test]
@@ -128,7 +127,7 @@ fn its_spindle_does_what_every_spindle_must() {
     });
 }
 
-/// X touches 2.3 mm from where it stands, latched by its touch probe 1 (60B8h).
+/// X makes contact 2.3 mm from its position, latched by its touch probe 1 (60B8h).
 #[test]
 fn its_probe_does_what_every_probe_must() {
     const SCREW_MM: f64 = 5.0;

@@ -1,7 +1,7 @@
-//! Each kind of fault at random moments of a motion, on the simulated ring over real sockets. One moment of
-//! each, or `EVOLVENT_CASES` moments.
+//! Each kind of fault at random moments of a motion, on the simulated ring over real sockets. One moment per
+//! kind, or `EVOLVENT_CASES` moments.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 #![expect(clippy::expect_used, reason = "a test")]
 
@@ -24,7 +24,7 @@ const POSITION_GAIN: f64 = 80.0;
 const LONGEST_LOSS_S: f64 = 20.0 * 2e-3;
 /// Lead of X, mm per turn; the drives' window of following errors (6065h) is one turn too.
 const LEAD_MM: f64 = 5.0;
-/// How long the following error may be beyond that window (6066h), s.
+/// Time for which the following error may exceed that window (6066h), s.
 const FOLLOWING_TIMEOUT_S: f64 = 0.02;
 
 fn turns(ring: &SharedRing) -> f64 {
@@ -35,11 +35,11 @@ fn turns(ring: &SharedRing) -> f64 {
 }
 
 /// One fault while X moves. Either the drives continue, or all stop within 2.5 s; no motor exceeds the
-/// commanded velocity, but to catch up; afterwards the axes are enabled again at the positions of their
+/// commanded velocity, except to catch up; afterwards the axes are enabled again at the positions of their
 /// motors. Returns whether the axes were stopped.
 fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, ring: &SharedRing) -> bool {
     core.bring_up();
-    // Away from the end that is nearer.
+    // Away from the nearer end.
     let speed = random.between(5.0, FASTEST);
     core.velocity_x = if core.position[0] > 0.0 { -speed } else { speed };
     for _ in 0..10 + random.below(200) {
@@ -62,8 +62,8 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, ring: 
         | FaultKind::WorkingCounter
         | FaultKind::Break
         | FaultKind::Gone => FASTEST * (1.0 + POSITION_GAIN * LONGEST_LOSS_S),
-        // A load that comes free follows its target again, from as far behind as the drive's window of
-        // following errors allows.
+        // A released load follows its target again, from the lag that the drive's window of following errors
+        // allows.
         FaultKind::Blocked => FASTEST + POSITION_GAIN * (LEAD_MM + FASTEST * FOLLOWING_TIMEOUT_S),
         _ => 1.3 * FASTEST,
     };
@@ -123,7 +123,8 @@ fn faults_at_random_moments_end_in_a_defined_stop_or_pass() {
         FaultKind::TorqueOff,
         FaultKind::Blocked,
     ];
-    // Drives that lose their position with their supply are another test's: their axes are to be homed again.
+    // Drives that lose their position with their supply are covered by another test: their axes must be homed
+    // again.
     let absolute = DriveSettings {
         absolute: true,
         ..DriveSettings::default()

@@ -1,7 +1,7 @@
-//! What the bridge reports of the distributed clocks, against clocks of the simulated ring with known drifts,
-//! over real sockets.
+//! The bridge's reports of the distributed clocks, compared with clocks of known drifts on the simulated
+//! ring, over real sockets.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 #![expect(clippy::expect_used, reason = "a test")]
 
 use std::time::{Duration, Instant};
@@ -17,8 +17,8 @@ use crate::support::*;
 
 const Y_DRIVE: usize = 2;
 
-/// The shipped mill with a reference clock (the coupler's) that is so much faster than this computer's, and
-/// drives that are slower than the reference by 0, 50 and 100 millionths.
+/// The shipped mill with a reference clock (the coupler's) that is faster than this computer's by
+/// `reference_ppm`, and drives that are slower than the reference by 0, 50 and 100 ppm.
 fn drifting(reference_ppm: f64) -> Vec<SubDevice> {
     let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1).with_drift_ppm(reference_ppm)];
     devices.extend((2..5).map(|serial| {
@@ -29,7 +29,7 @@ fn drifting(reference_ppm: f64) -> Vec<SubDevice> {
     devices
 }
 
-/// The system time of a device less that of the reference, as the ring has them at one instant, ns.
+/// The system time of a device minus that of the reference, at one instant in the ring, ns.
 fn true_difference_ns(ring: &Ring, device: usize) -> f64 {
     let now_ns = monotonic_ns();
     let [own, reference] = [device, 0].map(|device| {
@@ -68,8 +68,8 @@ fn shift_jitter_and_drift_are_those_of_the_clocks() {
                 let drift_ppm = clocks.drift_ppm.expect("a drift after five seconds");
                 // A computer whose reference gains is slow.
                 assert!((drift_ppm + reference_ppm).abs() < 10.0, "{drift_ppm} ppm");
-                // The loop shortens each period by a sixteenth of the phase: in the mean that is what the
-                // reference gains per period.
+                // The loop shortens each period by a sixteenth of the phase: on average that equals the gain
+                // of the reference per period.
                 let shift_ns = 16.0 * reference_ppm * 1e-6 * PERIOD_NS as f64;
                 let off = clocks.shift_ns as f64 - shift_ns;
                 assert!(off.abs() < 3_000.0, "{} of {shift_ns} ns", clocks.shift_ns);
@@ -91,9 +91,9 @@ fn shift_jitter_and_drift_are_those_of_the_clocks() {
     }
 }
 
-/// Clocks of 32 bits and of 64 on one ring: each drive gets its outputs in the middle between two of its
-/// SYNC0. Without SYNC0 it does not come to OP. Outputs that meet a SYNC0 at another remainder of 2^32 ns
-/// would be off by almost half a period.
+/// 32-bit and 64-bit clocks on one ring: each drive receives its outputs in the middle between two of its
+/// SYNC0. Without SYNC0 it does not reach OP. Outputs that meet a SYNC0 at another remainder of 2^32 ns would
+/// be off by almost half a period.
 #[test]
 fn drives_with_clocks_of_either_kind_follow_a_reference_of_32_bits() {
     for short_drives in [&[][..], &[Y_DRIVE]] {
@@ -164,7 +164,7 @@ fn the_device_whose_clock_does_not_follow_is_named_with_its_difference() {
             println!("{truth_ns:?} {report:?}");
             let clocks = report.clocks.expect("distributed clocks");
             assert_eq!(clocks.max_difference_device, Some(Y_DRIVE));
-            // 50 millionths for two seconds: 100 us behind, which is bit 31 of the register.
+            // 50 ppm for two seconds: 100 us late, which sets bit 31 of the register.
             assert!(
                 (truth_ns.1 - truth_ns.0 + 100_000.0).abs() < 2_000.0,
                 "{truth_ns:?}"

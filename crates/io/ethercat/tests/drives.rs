@@ -1,7 +1,7 @@
-//! What drives do by themselves, on the simulated ring over real sockets: homing, touch probe, following
-//! error.
+//! Functions of the drives themselves, on the simulated ring over real sockets: homing, touch probe,
+//! following error.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 #![expect(
     clippy::expect_used,
@@ -54,8 +54,8 @@ fn set_homing(network: &mut Network, device: usize, homing: HomingOnDrive) {
     axis.homing = Some(homing);
 }
 
-/// Moves X to a position at 10 mm/s and waits until it is there, however often the host makes the drives stop
-/// on the way; the following errors on the way, mm.
+/// Moves X to a position at 10 mm/s and waits until it arrives, even if the host makes the drives stop
+/// meanwhile. Returns the following errors during the motion, mm.
 fn go(core: &mut TrialCore, to: f64) -> Vec<f64> {
     let begin = Instant::now();
     let stands = |core: &TrialCore| {
@@ -123,8 +123,8 @@ fn a_drive_far_from_its_zero_begins_where_the_core_can_home_it() {
     });
 }
 
-/// Y first, then X; Z has no homing and holds. Without power nothing moves, and in operation the axes are
-/// where the files say.
+/// Y first, then X; Z has no homing and holds. Without power nothing moves, and in operation the axes are at
+/// the positions of the files.
 #[test]
 fn drives_find_their_zero_in_order_when_power_is_requested() {
     unless_disturbed(|| {
@@ -168,8 +168,7 @@ fn drives_find_their_zero_in_order_when_power_is_requested() {
                     }
                     assert!(!x_first, "Y homes before X moves");
                     assert!(z_most < 0.01, "Z holds: {z_most} turns");
-                    // Not in operation until power was off, so that the core takes the new positions over
-                    // first.
+                    // Not in operation until power was off, so that the core accepts the new positions first.
                     for _ in 0..200 {
                         core.cycle();
                     }
@@ -228,7 +227,7 @@ fn a_homing_that_is_broken_off_or_finds_nothing_ends_at_rest() {
                     core.power = PowerRequest::On;
                     let moves = |ring: &SharedRing| speeds(ring)[2] > 0.5;
                     core.until("motion", |_| moves(ring));
-                    // Power off in the middle: at rest at once, and no word of failure.
+                    // Power off during homing: at rest at once, and no message of a failure.
                     core.power = PowerRequest::Off;
                     core.until("rest", |_| speeds(ring).iter().all(|speed| *speed < 0.02));
                     let stands = turns(ring)[2];
@@ -279,7 +278,7 @@ fn a_fault_of_another_drive_ends_homing() {
     });
 }
 
-/// The probe of X closes at 2.25 turns of 5 mm; the drive knows where within a period.
+/// The probe of X closes at 2.25 turns of 5 mm; the drive knows the position within a period.
 #[test]
 fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
     unless_disturbed(|| {
@@ -288,7 +287,7 @@ fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
                 |network| {
                     let axis = network.devices[1].axis.as_mut().expect("an axis");
                     (axis.touch_probe, axis.probe_input_bit, axis.following_error) = (true, Some(16), true);
-                    // Without it the drive trails by speed over gain.
+                    // Without it the drive lags by speed divided by gain.
                     axis.velocity_offset = false;
                     // A busy host must not end the session, which counts the contacts.
                     network.max_lost_cycles = 50;

@@ -1,6 +1,6 @@
 //! A recording of the wire, read by tshark if it is installed.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 use std::process::Command;
 

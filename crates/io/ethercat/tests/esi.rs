@@ -1,6 +1,6 @@
 //! ESI files: the data that a scan uses, and rejected files.
 //!
-//! The first test needs the right to make a network namespace.
+//! The first test needs the right to create a network namespace.
 
 use evolvent_ethercat::{EsiLibrary, scan, scan_json, scan_text};
 use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SubDevice, TerminalKind, on_bench};

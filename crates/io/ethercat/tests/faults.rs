@@ -1,7 +1,7 @@
-//! Faults of the network and of drives, on the simulated ring over real sockets: what the core is told, and
-//! what drives do.
+//! Faults of the network and of drives, on the simulated ring over real sockets: reports to the core, and
+//! reactions of the drives.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 use std::time::{Duration, Instant};
 
@@ -14,8 +14,7 @@ use evolvent_ethercat_ring::{FaultKind, SharedRing, SubDevice, on_bench};
 
 use crate::support::*;
 
-/// An axis goes where the setpoints say, with the scale of its gear, and against its motor where that is
-/// inverted.
+/// An axis follows the setpoints, with the scale of its gear, and opposite to its motor if that is inverted.
 #[test]
 fn a_drive_follows_its_axis() {
     unless_disturbed(|| {
@@ -80,7 +79,7 @@ fn a_fault_of_one_drive_stops_the_others_and_is_told_with_its_code() {
                         messages.contain("drive of Y: fault 4310h: temperature"),
                         "{messages:?}"
                     );
-                    // Reset, and on again.
+                    // Reset, and power on again.
                     core.power = PowerRequest::Off;
                     core.fault_reset += 1;
                     let reset = core.fault_reset;
@@ -165,8 +164,7 @@ fn frames_that_are_lost_stop_the_feedback_and_the_drives_stop_themselves() {
     });
 }
 
-/// A drive that tells by emergency messages that its motor is blocked: at once, and before each reply to an
-/// object.
+/// A drive that reports a blocked motor by emergency messages: at once, and before each reply to an object.
 #[test]
 fn emergency_messages_at_start_are_told_and_the_network_comes_up() {
     unless_disturbed(|| {
@@ -187,7 +185,8 @@ fn emergency_messages_at_start_are_told_and_the_network_comes_up() {
     });
 }
 
-/// Without frames drives leave OP by their watchdogs. They still count in frames that come then.
+/// Without frames drives leave OP by their watchdogs. They still increment the working counter of later
+/// frames.
 #[test]
 fn devices_that_have_left_op_are_named_and_no_working_counter_is() {
     unless_disturbed(|| {
@@ -255,8 +254,8 @@ fn a_network_that_is_not_the_one_of_the_file_is_told_in_plain_words() {
     });
 }
 
-/// Brings the drives up, moves X, begins a fault, and waits until the feedback shows it and no drive turns
-/// any more.
+/// Brings the drives up, moves X, begins a fault, and waits until the feedback shows it and all drives are at
+/// rest.
 fn while_moving(
     kind: FaultKind,
     device: usize,
@@ -302,7 +301,7 @@ fn a_cable_that_opens_stops_the_drives_before_and_behind_it() {
     );
 }
 
-/// All devices report OP, and the working counter is short by what one of them should add.
+/// All devices report OP, and the working counter lacks the increment of one of them.
 #[test]
 fn a_device_that_does_not_count_is_named_and_stops_all_drives() {
     while_moving(
@@ -355,7 +354,7 @@ fn a_load_that_is_blocked_is_a_following_error() {
     );
 }
 
-/// The switches of Z, which the network file names; those of X, which it does not, say nothing.
+/// The switches of Z, which the network file names, are reported; those of X, which it does not, are not.
 #[test]
 fn limit_switches_are_told_where_the_network_file_names_them() {
     unless_disturbed(|| {
@@ -399,8 +398,8 @@ fn a_jump_that_persists_is_not_followed() {
     });
 }
 
-/// Following begins beside the axes: no target of the drive steps by that distance, at rest and where X moves
-/// at once.
+/// Following begins at a distance from the axes: no target of the drive steps by that distance, at rest and
+/// with an immediate motion of X.
 #[test]
 fn following_begins_without_a_step_of_the_targets() {
     /// Lead of X, mm per turn.
@@ -426,7 +425,7 @@ fn following_begins_without_a_step_of_the_targets() {
                         core.stop();
                         core.rest(0.4);
                         let (step_mm, at_mm) = drive(ring);
-                        // It takes dozens of periods; a host that is busy may skip some.
+                        // It takes dozens of periods; a busy host may skip some.
                         let most = 0.125 * distance.abs() + 3.0 * velocity * PERIOD_NS as f64 * 1e-9;
                         assert!(
                             step_mm > 0.0 && step_mm <= most,

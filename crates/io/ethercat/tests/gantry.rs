@@ -1,7 +1,7 @@
 //! Two drives of one axis on the simulated ring, over real sockets: squaring, and the limit of their
 //! difference.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 #![expect(clippy::expect_used, reason = "a test")]
 
@@ -36,7 +36,7 @@ fn drive(serial: u32, lower: f64, start_increments: i32) -> SubDevice {
     SubDevice::drive(settings, serial, 10.0 * f64::from(serial))
 }
 
-/// The second drive of X behind the shipped network.
+/// Adds the second drive of X to the shipped network.
 fn add_second(network: &mut Network, edit: impl Fn(&mut NetworkAxis)) {
     let mut second = network.devices[1].clone();
     second.name = "x2-drive".to_owned();
@@ -115,7 +115,7 @@ fn drives_that_come_apart_stop_before_the_limit_is_far_behind() {
                     core.until("rest", |_| speeds(ring).iter().all(|speed| *speed < 0.02));
                     let [one, other] = turns(ring);
                     let apart = (one - other).abs() * 5.0;
-                    // 0.5 mm, the frame's way at 20 mm/s and the way of the quick stop.
+                    // 0.5 mm, plus the distances of one frame at 20 mm/s and of the quick stop.
                     assert!((0.3..1.5).contains(&apart), "{apart} mm apart");
                     assert!(
                         messages.contain("gantry of X: the second drive is"),
@@ -127,8 +127,8 @@ fn drives_that_come_apart_stop_before_the_limit_is_far_behind() {
     });
 }
 
-/// Each drive homes at its own switch; where the beam is square the second one's coordinate is 0.3 mm above
-/// that of the first. Then the second moves at 2 mm/s until it is so.
+/// Each drive homes at its own switch; on a square beam the second one's coordinate is 0.3 mm above that of
+/// the first. The second then moves there at 2 mm/s.
 #[test]
 fn a_beam_is_made_square_after_homing() {
     unless_disturbed(|| {
@@ -144,8 +144,7 @@ fn a_beam_is_made_square_after_homing() {
                         order: 0,
                         timeout_s: 20.0,
                     };
-                    // Switches half a turn apart: 2.5 mm, on which the frame may twist while each is
-                    // searched.
+                    // Switches half a turn apart: 2.5 mm, by which the frame may twist during the search.
                     add_second(network, |axis| {
                         axis.homing = Some(homing);
                         set_gantry(axis, |gantry| {
@@ -174,7 +173,7 @@ fn a_beam_is_made_square_after_homing() {
                     let begun = Instant::now();
                     let switch_apart = |ring: &SharedRing| {
                         let [one, other] = turns(ring);
-                        // Coordinates of both, by where their switches are.
+                        // Coordinates of both, from the positions of their switches.
                         let (one, other) = (-100.0 + 5.0 * (one + 2.0), -100.0 + 5.0 * (other + 2.5));
                         other - one
                     };
@@ -192,8 +191,8 @@ fn a_beam_is_made_square_after_homing() {
     });
 }
 
-/// Where the home switches of X and its second drive close, in mm of their motors: 10 mm below, and not quite
-/// square.
+/// Positions at which the home switches of X and its second drive close, mm of their motors: 10 mm below, and
+/// not quite square.
 const SWITCHES: [f64; 2] = [-10.0, -10.15];
 /// Coordinate of the first switch.
 const SWITCH_MM: f64 = -3.0;
@@ -246,7 +245,7 @@ fn on_switch_bench(
     });
 }
 
-/// How far the beam is from square, and the first drive from what the core calls it, mm.
+/// Errors of the beam's squareness and of the first drive's coordinate in the core, mm.
 fn errors(core: &TrialCore, ring: &SharedRing) -> (f64, f64) {
     let [one, other] = turns(ring).map(|turns| 5.0 * turns);
     let (_, feedback) = core.heard.expect("feedback");
@@ -256,13 +255,13 @@ fn errors(core: &TrialCore, ring: &SharedRing) -> (f64, f64) {
     )
 }
 
-/// Two edges, each seen a period of 2 ms late at most, at 4 mm/s, and what a drive's load twists behind its
-/// motor.
+/// Two edges, each seen a period of 2 ms late at most, at 4 mm/s, and the twist between a drive's motor and
+/// its load.
 const SQUARE_MM: f64 = 0.02;
 const HOMINGS: usize = 3;
 
 /// Homes X until the beam is square and its zero is true. A period that the host withholds at an edge moves
-/// that edge by 0.008 mm, which no other homing repeats; a fault of the procedure is there each time.
+/// that edge by 0.008 mm, which no other homing repeats; a fault of the procedure recurs each time.
 fn home_square(core: &mut TrialCore, ring: &SharedRing, rest_s: f64) {
     let found: Vec<_> = (0..HOMINGS)
         .map(|_| {
@@ -291,7 +290,7 @@ fn a_racked_beam_is_square_after_the_core_has_homed_it() {
                 messages.contain("gantry of X: homed by both switches"),
                 "{messages:?}"
             );
-            // In motion too, and homed again it stays.
+            // Also in motion; homed again, it stays.
             core.velocity_x = 20.0;
             for _ in 0..100 {
                 core.cycle();
@@ -323,7 +322,8 @@ fn a_home_switch_that_never_closes_stops_both_drives() {
             assert!(speeds(ring).iter().all(|speed| *speed < 0.02));
             let lowest = turns(ring).map(|turns| 5.0 * turns)[1 - side];
             deepest = deepest.max(SWITCHES[1 - side] - lowest);
-            // max_difference and squaring_offset, three periods at 20 mm/s and the way of the quick stop.
+            // max_difference and squaring_offset, three periods at 20 mm/s, and the distance of the quick
+            // stop.
             assert!((0.7..2.0).contains(&deepest), "{deepest} mm beyond its switch");
             let missing = ["first", "second"][side];
             let text = format!("the home switch of the {missing} drive has not closed");
@@ -333,7 +333,7 @@ fn a_home_switch_that_never_closes_stops_both_drives() {
 }
 
 /// The second drive has a fault, or loses its torque, while the beam is homed; afterwards it is homed as if
-/// nothing had been.
+/// nothing had happened.
 #[test]
 fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
     for (kind, seed) in [(FaultKind::Drive, 1), (FaultKind::TorqueOff, 2)] {

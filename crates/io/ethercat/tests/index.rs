@@ -1,6 +1,6 @@
 //! The latch of the encoder's zero impulse for the core, on the simulated ring over real sockets.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 #![expect(clippy::expect_used, clippy::print_stdout, reason = "a test")]
 
@@ -14,9 +14,9 @@ use crate::support::*;
 
 /// Where the impulse of X, Y and Z, and of the second drive of X, is within a turn.
 const PHASES: [f64; 4] = [0.3, 0.55, 0.8, 0.05];
-/// Increments a turn.
+/// Increments per turn.
 const RESOLUTION: f64 = 1_048_576.0;
-/// What one turn of the motor moves X, Y and Z: 5 mm, 5 mm against the axis, a gear of 3 to 2 and a screw of
+/// Travel of X, Y and Z per turn of the motor: 5 mm, 5 mm against the axis, a gear of 3 to 2 and a screw of
 /// 5.08 mm.
 const TURNS: [f64; 3] = [5.0, -5.0, 5.08 / 1.5];
 
@@ -80,8 +80,7 @@ struct Latch<'a> {
 }
 
 impl Latch<'_> {
-    /// The machine coordinate of an impulse of an axis at rest: the one that the axis meets first in a
-    /// direction.
+    /// The machine coordinate of the first impulse that an axis at rest meets in a direction.
     fn next(&mut self, axis: usize, direction: f64) -> f64 {
         let feedback = self.core.until("feedback", |_| true);
         let here = turns(self.ring, axis + 1);
@@ -97,7 +96,7 @@ impl Latch<'_> {
         feedback.position[axis] + TURNS[axis] * (pulse - shown)
     }
 
-    /// Whether the latched impulse is where it truly is.
+    /// Asserts that the latched position is that of the impulse.
     fn check(&mut self, axis: usize, expected: f64) {
         let latched = self.core.latched_index();
         let increments = (latched - expected) / TURNS[axis] * RESOLUTION;
@@ -131,7 +130,7 @@ fn with_latch(
     });
 }
 
-/// From random places, in both directions, at two speeds, for axes that are inverted and geared, with the
+/// From random positions, in both directions, at two speeds, for axes that are inverted and geared, with the
 /// counter passing its end.
 #[test]
 fn the_latched_position_is_the_place_of_the_impulse() {
@@ -165,8 +164,8 @@ fn the_latched_position_is_the_place_of_the_impulse() {
     });
 }
 
-/// Another request arms again, also while one is open; one for an axis that the drive does not latch is never
-/// taken over, and takes the latch of the others off; 0 asks for nothing.
+/// Another request arms again, also while one is open; one for an axis whose drive does not latch is never
+/// accepted, and cancels the latch of the others; 0 requests nothing.
 #[test]
 fn requests_follow_each_other() {
     unless_disturbed(|| {
@@ -183,7 +182,7 @@ fn requests_follow_each_other() {
                 assert!((second - first - 5.0).abs() < 1e-3, "a turn further");
                 latch.core.travel(0, 5.0, 20.0);
                 latch.check(0, second);
-                // X is open when Y is asked for: only that of Y counts.
+                // X is pending when Y is requested: only that of Y counts.
                 latch.core.request_index(0);
                 latch.core.request_index(1);
                 let of_y = latch.next(1, -1.0);
@@ -201,7 +200,7 @@ fn requests_follow_each_other() {
                 latch.core.until("nothing is asked for", |feedback| {
                     (feedback.index_request, feedback.index_position) == (0, 0.0)
                 });
-                // Two at once: the second one is the one that is answered.
+                // Two at once: the second one receives the reply.
                 latch.core.index = (40, 0);
                 latch.core.cycle();
                 latch.core.index = (41, 0);
@@ -215,7 +214,7 @@ fn requests_follow_each_other() {
     });
 }
 
-/// Frames that are lost while the impulse passes do not lose it: the drive has it.
+/// Frames lost while the impulse passes do not lose it, because the drive has latched it.
 #[test]
 fn an_impulse_during_lost_frames_is_found_afterwards() {
     unless_disturbed(|| {
@@ -230,7 +229,7 @@ fn an_impulse_during_lost_frames_is_found_afterwards() {
                     latch.core.velocity_x = 10.0;
                     for _ in 0..260 {
                         latch.core.cycle();
-                        // Shortly before it comes.
+                        // Shortly before the impulse.
                         let near = latch.core.position[0] > expected - 0.06;
                         if near && !has_lost {
                             begin(latch.ring, FaultKind::Loss, 0, Some(16_000_000));
@@ -272,8 +271,8 @@ fn a_touch_probe_works_beside_it() {
     });
 }
 
-/// An axis at rest in the impulse: this one or the next is latched, never another place; and one that starts
-/// just beyond it in the direction of motion finds the next one.
+/// An axis at rest in the impulse: this impulse or the next is latched, never another position. An axis that
+/// starts just beyond it in the direction of motion finds the next one.
 #[test]
 fn an_impulse_at_the_start_is_it_or_the_next() {
     unless_disturbed(|| {
@@ -299,7 +298,7 @@ fn an_impulse_at_the_start_is_it_or_the_next() {
     });
 }
 
-/// A drive that does not say that it latches, or whose encoder gives no impulse.
+/// A drive that does not report an enabled latch, or whose encoder has no impulse.
 #[test]
 fn without_an_impulse_nothing_is_latched() {
     unless_disturbed(|| {
@@ -317,7 +316,7 @@ fn without_an_impulse_nothing_is_latched() {
     });
 }
 
-/// With the drive's own mapping the objects must be in it: 60BAh is, 60BCh is not.
+/// With the drive's own mapping the objects must be present: 60BAh is, 60BCh is not.
 #[test]
 fn a_mapping_without_the_object_is_named() {
     unless_disturbed(|| {

@@ -1,4 +1,4 @@
-//! Network files: the shipped one, its schema, and what is refused where.
+//! Network files: the shipped one, its schema, and errors with their positions.
 
 use evolvent_ethercat::{FitError, Network, check_fit, fit_notes, network_schema};
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};
@@ -73,7 +73,7 @@ fn the_shipped_lathe_fits_its_network() {
     let network = Network::parse(&shipped("networks/sim-lathe.toml"), "sim-lathe.toml").expect("a network");
     assert_eq!(check_fit(&machine, &network), Ok(()));
     assert!(network.has_signals());
-    // Its drives home, and the core takes over their positions.
+    // Its drives home, and the core accepts their positions.
     let notes = fit_notes(&machine, &network).join("\n");
     assert!(!notes.contains("homed by its drive"), "{notes}");
     let mut bare = machine;
@@ -110,7 +110,7 @@ fn a_probe_that_no_drive_latches_or_reports_is_noted() {
     assert!(!notes(&has_probe, &reported).contains("probe"));
 }
 
-/// Whole sections: the place is the beginning of the section.
+/// Missing sections: the position of the error is the beginning of the section.
 #[test]
 fn an_axis_without_a_scale_is_refused() {
     let good = shipped("networks/sim-mill.toml");
@@ -170,7 +170,7 @@ fn machine_and_network_are_compared() {
     ));
     let fine = text.replacen("turn_mm = 5 ", "turn_mm = 0.1 ", 1);
     assert!(matches!(check(&fine), Err(FitError::Travel { letter: 'X', .. })));
-    // 500 mm/s at 2 621 440 increments per mm, of whose travel 32 bits hold enough.
+    // 500 mm/s at 2 621 440 increments per mm, whose travel fits into 32 bits.
     let fast = text.replacen("turn_mm = 5 ", "turn_mm = 0.4 ", 1);
     let error = check(&fast).expect_err("too fast");
     assert_eq!(
@@ -184,7 +184,7 @@ fn machine_and_network_are_compared() {
         error.to_string().contains("1310720000 increments per second"),
         "{error}"
     );
-    // The counts of an unlimited axis may wrap round.
+    // The counts of an unlimited axis may wrap around.
     let mut unlimited = machine.clone();
     (unlimited.axes[0].unlimited, unlimited.axes[0].max_velocity) = (Some(RotaryWay::Shorter), 50.0);
     let network = Network::parse(&fine, "network.toml").expect("a network");
@@ -224,7 +224,7 @@ fn a_period_that_the_drives_cannot_be_given_is_refused() {
     );
 }
 
-/// Inputs and outputs behind the shipped file's last device.
+/// Inputs and outputs after the shipped file's last device.
 const SIGNALS: &str = r#"
 input = [
     { name = "door", bit = 0 },
@@ -461,7 +461,7 @@ fn homing_by_index_needs_a_latch() {
     assert_eq!(fit(&network), Err(FitError::NoIndex { letter: 'X' }));
     let latching = network.replacen("gear = [1, 1]", "index_probe = 2 ", 1);
     assert_eq!(fit(&latching), Ok(()));
-    // Of the two drives of an axis it is that of the first.
+    // Of the two drives of an axis, the first one counts.
     let second = "\n[[device]]\nname = \"x2\"\nvendor = 1\nproduct = 1\n[device.axis]\nletter = \"X\"\n\
                   increments_per_turn = 1048576\nturn_mm = 5\n[device.axis.gantry]\nmax_difference = 1\n";
     assert_eq!(fit(&(latching.clone() + second)), Ok(()));

@@ -1,7 +1,7 @@
 //! The velocity offset (60B1h) and the torque offset (60B2h) of moving axes, as they arrive at the drives of
 //! the simulated ring.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,7 +23,7 @@ const INERTIA: f64 = 0.0003;
 const RATED: f64 = 2.4;
 const LEAD_MM: f64 = 5.0;
 
-/// The most positive and the most negative value of an object, in the order in which they came first.
+/// The most positive and the most negative value of an object, in the order of their first occurrence.
 #[derive(Debug, Default)]
 struct Extremes {
     values: Vec<i64>,
@@ -43,7 +43,7 @@ impl Extremes {
     }
 }
 
-/// Moves an axis by a distance and gives all values of 60B1h and 60B2h that its drive had.
+/// Moves an axis by a distance. Returns the extreme values of 60B1h and 60B2h at its drive.
 fn moved(axis: usize, distance: f64) -> [Extremes; 2] {
     on_bench(devices(), move |ring| {
         let mut found = [Extremes::default(), Extremes::default()];
@@ -86,7 +86,7 @@ fn moved(axis: usize, distance: f64) -> [Extremes; 2] {
     .unwrap_or_default()
 }
 
-/// X is as its motor; Y is inverted, so what is forward for it is backward for its drive.
+/// X has the direction of its motor; Y is inverted, so its forward motion is backward for its drive.
 #[test]
 fn velocity_and_torque_offsets_have_the_sign_and_size_of_the_motion_at_the_drive() {
     // Thousandths of the rated torque at full acceleration: the screw turns by 2 pi per lead.

@@ -1,6 +1,6 @@
 //! Round trips and the settings of a network card, as `evolvent doctor --network` measures them.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 use core::time::Duration;
 use std::process::Command;

@@ -1,8 +1,8 @@
 //! `scan` on the simulated ring over a real socket: what is on the wire, and a network file that a bridge
-//! takes. A reply that comes later than half a second is none: a trial during which the host kept the ring
-//! from running for so long is played again.
+//! takes. A reply later than half a second counts as missing: a trial in which the host kept the ring from
+//! running for that long is repeated.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{
@@ -140,7 +140,7 @@ fn a_network_without_drives_gives_no_file() {
     assert_eq!(network_text(&[], "ec0", &letters("XYZ")), None);
 }
 
-/// Whatever devices say of themselves, the file that is written loads, and says that it is not checked.
+/// Whatever devices report, the written file loads, and is marked as unchecked.
 #[test]
 fn files_of_hostile_devices_load() {
     let mut random = Random::seeded(17);

@@ -1,6 +1,6 @@
 //! Terminals on the simulated ring as inputs and outputs of the machine, over real sockets.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 
 #![expect(clippy::expect_used, reason = "a test")]
 
@@ -32,7 +32,7 @@ output = [
 spindle = [{ max_rpm = 6000 }]
 "#;
 
-/// Behind the devices of the mill: digital outputs, analog inputs, analog outputs.
+/// After the devices of the mill: digital outputs, analog inputs, analog outputs.
 const TERMINALS: &str = r#"
 input = [{ name = "door", bit = 7, inverted = true }]
 
@@ -226,14 +226,15 @@ fn outputs_follow_the_core_and_are_safe_without_it() {
                 core.until("their number", |inputs| {
                     inputs.is_some_and(|inputs| inputs.outputs_sequence >= set)
                 });
-                // The core falls silent.
+                // The core becomes silent.
                 let begin = Instant::now();
                 while driven(ring) != SAFE {
                     assert!(begin.elapsed() < Duration::from_secs(2), "{:?}", driven(ring));
                     std::thread::sleep(Duration::from_millis(2));
                 }
                 let after = begin.elapsed();
-                // 200 ms of silence, less what the core sent ahead: none of it may be lost either.
+                // 200 ms of silence, less the time that the core sent ahead: none of those messages may be
+                // lost.
                 assert!(after >= Duration::from_millis(150), "safe after {after:?}");
                 core.next_ns = monotonic_ns();
                 core.until("outputs of the core again", |_| driven(ring) == wanted);
@@ -297,7 +298,7 @@ fn inputs_are_scaled_inverted_and_unknown_where_nobody_reads_them() {
                         inputs.analog_mask == 0 && inputs.digital_mask == digital(true, true)
                     })
                 });
-                // The cable before the digital inputs opens: nothing behind it is known any more.
+                // The cable before the digital inputs opens: everything after it is unknown.
                 ring.lock().expect("no panic").begin_fault(
                     monotonic_ns(),
                     FaultKind::Break,

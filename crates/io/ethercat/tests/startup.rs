@@ -1,7 +1,7 @@
-//! Devices that refuse while the network comes up: the bridge says what was refused, by whom and why, and
-//! comes up once they no longer do.
+//! Devices that refuse while the network comes up: the bridge reports what was refused, by which device and
+//! why, and comes up once they no longer refuse.
 //!
-//! Needs the right to make a network namespace.
+//! Needs the right to create a network namespace.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::time::{Duration, Instant};
@@ -12,7 +12,7 @@ use evolvent_ethercat_ring::{FaultKind, SharedRing, on_bench};
 
 use crate::support::*;
 
-/// Cycles until the bridge says something; the core hears nothing meanwhile.
+/// Runs cycles until the bridge reports all texts; the core receives nothing meanwhile.
 fn until_told(core: &mut TrialCore, messages: &Messages, texts: &[&str], within: Duration) {
     let begin = Instant::now();
     while !texts.iter().all(|text| messages.contain(text)) {
@@ -22,8 +22,8 @@ fn until_told(core: &mut TrialCore, messages: &Messages, texts: &[&str], within:
     assert!(core.heard.is_none(), "no feedback of a network that is not up");
 }
 
-/// A fault of a device from before the start: the bridge says these texts; once the fault is over the network
-/// comes up.
+/// A fault of a device before the start: the bridge reports these texts, and the network comes up once the
+/// fault is over.
 fn is_told_and_ends(kind: FaultKind, device: usize, texts: &'static [&'static str]) {
     unless_disturbed(move || {
         on_bench(devices(), move |ring: &SharedRing| {
@@ -72,7 +72,7 @@ fn a_reply_for_another_object_is_named() {
     );
 }
 
-/// 300 ms for each of some thirty objects: it takes long, and comes up at the first attempt.
+/// 300 ms for each of some thirty objects: the network comes up slowly, at the first attempt.
 #[test]
 fn a_slow_mailbox_is_waited_for() {
     unless_disturbed(|| {

@@ -18,13 +18,14 @@ const MAX_RATIO: f64 = 1.2;
 /// Maximum contribution of the integral, as a fraction of the maximum velocity.
 const INTEGRAL: f64 = 0.2;
 
-/// Maximum counts of an encoder between two readings: a counter of 16 bits cannot tell 32 768 from none.
+/// Maximum counts of an encoder between two readings: a 16-bit counter cannot distinguish directions at 32
+/// 768 counts.
 pub(crate) const MAX_COUNTS: f64 = 30_000.0;
-/// Maximum steps between two readings, as accumulators count them: 16 bits of steps.
+/// Maximum steps between two readings: accumulators have 16 bits of whole steps.
 const MAX_STEPS: f64 = 32_000.0;
 
-/// How long an axis may go without a reading, s: at its highest velocity its counter would then turn over
-/// unseen.
+/// Maximum time without a reading, s: at its maximum velocity the counter of the axis would then wrap
+/// unnoticed.
 pub(crate) fn longest_gap_s(axis: &BoardAxis, max_velocity: f64) -> f64 {
     let most = match axis.actuator {
         Actuator::Steps { .. } => MAX_STEPS,
@@ -57,7 +58,7 @@ pub(crate) struct AxisLimits {
     pub(crate) max_jerk: f64,
 }
 
-/// An axis as the bridge sees it. May be called by the cycle.
+/// The bridge's state of one axis. May be called by the cycle.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MesaAxis {
     settings: BoardAxis,
@@ -79,11 +80,11 @@ pub(crate) struct MesaAxis {
     last_error: Option<f64>,
     has_fault: bool,
     is_lost: bool,
-    /// It has to stop with the other motor of its gantry.
+    /// The axis must stop with the other motor of its gantry.
     is_apart: bool,
-    /// What is added to the setpoint, and its velocity, for a motor of a gantry.
+    /// Offset from the setpoint, and its velocity, for a motor of a gantry.
     apart: (f64, f64),
-    /// Where it waits in operation for the others: where it has come into operation.
+    /// Position at which it waits in operation for the others: the one at which it has come into operation.
     hold: Option<f64>,
     switches: [bool; 3],
 }
@@ -149,12 +150,12 @@ impl MesaAxis {
         self.velocity
     }
 
-    /// Its board no longer replies.
+    /// Marks the axis as lost: its board no longer replies.
     pub(crate) const fn set_lost(&mut self) {
         self.is_lost = true;
     }
 
-    /// The machine coordinate at which it waits for the others, or is.
+    /// The machine coordinate at which it waits for the others, or its present one.
     pub(crate) fn held_position(&self) -> f64 {
         self.hold.unwrap_or_else(|| self.position())
     }
@@ -212,7 +213,7 @@ impl MesaAxis {
         self.sign() * counts as f64 / self.counts_per_unit() + self.offset
     }
 
-    /// How long it may go without a reading, s.
+    /// Maximum time without a reading, s.
     pub(crate) fn longest_gap_s(&self) -> f64 {
         longest_gap_s(&self.settings, self.limits.max_velocity)
     }
@@ -244,7 +245,7 @@ impl MesaAxis {
         self.switches = switches;
     }
 
-    /// One period at a time of the bus's clock.
+    /// Runs one period at a time of the bus's clock.
     pub(crate) fn step(
         &mut self,
         target: &Target,
@@ -284,7 +285,7 @@ impl MesaAxis {
                 at_rest: before != DriveState::OperationEnabled && ramp_ends,
             },
         );
-        // A vertical axis would sag if its target were where it is.
+        // A vertical axis would sag if its target followed its position.
         let waits = state == DriveState::OperationEnabled && !target.state.has_targets();
         self.hold = waits.then(|| self.held_position());
         let setpoint = self.hold.unwrap_or(setpoint);
@@ -368,7 +369,7 @@ impl MesaAxis {
             Actuator::Servo { gains, .. } => {
                 self.integral =
                     (self.integral + gains.i * error * period_s).clamp(-INTEGRAL * most, INTEGRAL * most);
-                // The first error after a time without torque is no change of the one before.
+                // The first error after a time without torque has no rate relative to the one before.
                 let rate = self.last_error.map_or(0.0, |last| (error - last) / period_s);
                 self.last_error = Some(error);
                 velocity + gains.p * error + self.integral + gains.d * rate
@@ -423,12 +424,12 @@ mod tests {
 
     const PERIOD_NS: u64 = 1_000_000;
 
-    /// An analog servo with 4000 counts a mm, as X.
+    /// An analog servo with 4000 counts per mm, as X.
     fn servo() -> MesaAxis {
         servo_with("")
     }
 
-    /// The same with more lines in its board file.
+    /// [`servo`] with more lines in its board file.
     fn servo_with(lines: &str) -> MesaAxis {
         let board = evolvent_file_tests::shipped("boards/7i96s-router.toml");
         let (head, _axes) = board.split_once("[[axis]]").expect("axes");
@@ -444,7 +445,7 @@ mod tests {
         MesaAxis::new(board.axes[0], limits)
     }
 
-    /// What the follower commands while not all axes are in operation.
+    /// The follower's target while not all axes are in operation.
     fn target_at(position: f64) -> Target {
         let mut follower = Follower::new(FollowerSettings {
             period_ns: PERIOD_NS,
@@ -472,15 +473,15 @@ mod tests {
             value = axis.step(&target, PowerRequest::On, now_ns, 1e-3).value;
         }
         assert_eq!(axis.state(), DriveState::OperationEnabled);
-        // The gain times a mm.
+        // The gain times 1 mm.
         assert!((value - 40.0 / 200.0).abs() < 0.001, "{value}");
         assert!((axis.held_position() - axis.position() - 1.0).abs() < 1e-3);
-        // By another name it is the same place.
+        // With another coordinate the position is the same.
         axis.rename(7.0);
         assert!((axis.held_position() - axis.position() - 1.0).abs() < 1e-3);
     }
 
-    /// The value of a servo that is enabled and pushed away from its place by 0.25 mm/s, in each period.
+    /// The value in each period of an enabled servo that is pushed away from its position at 0.25 mm/s.
     fn pushed(axis: &mut MesaAxis) -> Vec<f64> {
         (0..200_u64)
             .map(|period| {
@@ -501,13 +502,13 @@ mod tests {
             .map(|(both, one)| both - one)
             .collect();
         assert_eq!(added[..10], [0.0; 10], "it stands");
-        // A count a period are 0.25 mm/s, of 200 mm/s at full output.
+        // One count per period is 0.25 mm/s, of 200 mm/s at full output.
         for value in &added[20..] {
             assert!((value - 0.8 * 0.25 / 200.0).abs() < 1e-9, "{value}");
         }
     }
 
-    /// What the error was before the power went off has no rate afterwards.
+    /// The error before power-off must not contribute to the rate afterwards.
     #[test]
     fn the_derivative_gain_gives_no_kick_as_power_returns() {
         let mut axis = servo_with("d_gain = 0.8\n");

@@ -1,4 +1,4 @@
-//! All axes of a session behind one follower: setpoints in, rates out, feedback back.
+//! All axes of a session with one follower: takes setpoints, returns rates and feedback.
 
 use evolvent_bridge::follower_settings;
 use evolvent_bus::{AXES, Feedback, Setpoint};
@@ -28,11 +28,11 @@ pub(crate) struct AxisSet {
     instance: u64,
     axes_mask: u32,
     was_enabled: bool,
-    /// One axis has left operation: the others are stopped until power is requested again.
+    /// One axis has left operation; the others stay stopped until power is requested again.
     group_stop: bool,
     /// The session ends: all axes stop.
     ending: bool,
-    /// The newest request for an index pulse, which the board may still have to take over.
+    /// The newest request for an index pulse, which the board may not have accepted yet.
     index_request: IndexRequest,
     index: IndexLatch,
     encoder_index: EncoderIndex,
@@ -87,14 +87,14 @@ impl AxisSet {
         &self.axes
     }
 
-    /// The board no longer replies, or its data are implausible.
+    /// Marks the axes as lost: the board no longer replies, or its data are implausible.
     pub(crate) fn set_lost(&mut self) {
         for axis in &mut self.axes {
             axis.set_lost();
         }
     }
 
-    /// From now on all axes stop, whatever the core requests.
+    /// Stops all axes from now on, whatever the core requests.
     pub(crate) const fn end(&mut self) {
         self.ending = true;
     }
@@ -106,8 +106,8 @@ impl AxisSet {
     /// Evaluates a reading.
     ///
     /// # Errors
-    /// It came so late that a counter may have turned over unseen: the session has to end, because the
-    /// coordinates of the axis are no longer true. The axes can still brake by the reading.
+    /// The reading is so late that a counter may have wrapped unnoticed: the session must end, because the
+    /// coordinates of the axis are no longer valid. The axes can still brake with the reading.
     pub(crate) fn take(
         &mut self,
         plan: &Plan,
@@ -141,7 +141,7 @@ impl AxisSet {
             );
         }
         if !core::mem::replace(&mut self.is_aligned, true) {
-            // Nothing tells where the motors are: the beam is assumed to be square until both have passed
+            // The positions of the motors are unknown: the beam is assumed square until both have passed
             // their switches.
             for pair in &self.gantries {
                 pair.align(&mut self.axes);
@@ -151,14 +151,14 @@ impl AxisSet {
         unread
     }
 
-    /// How long no reading may come before coordinates are unknown, s.
+    /// Maximum time without a reading before coordinates are unknown, s.
     pub(crate) fn longest_gap_s(&self) -> f64 {
         let gaps = self.axes.iter().map(MesaAxis::longest_gap_s);
         gaps.fold(f64::INFINITY, f64::min)
     }
 
-    /// What has become of the request for an index pulse. It is taken over, for the core, once the board
-    /// would latch the pulse.
+    /// Updates the request for an index pulse. It counts as accepted once the board is ready to latch the
+    /// pulse.
     fn take_index(&mut self, inputs: &Inputs) {
         let reading = self
             .encoder_index
@@ -177,7 +177,7 @@ impl AxisSet {
     }
 
     /// Arms the encoder of the axis whose index pulse is requested. A request for an axis without one is
-    /// never taken over.
+    /// never accepted.
     fn request_index(&mut self, request: IndexRequest) {
         if request == self.index_request {
             return;
@@ -201,7 +201,7 @@ impl AxisSet {
         self.encoder_index.watched()
     }
 
-    /// One period at a time of the bus's clock.
+    /// Runs one period at a time of the bus's clock.
     pub(crate) fn step(&mut self, now_ns: u64, plan: &Plan, outputs: &mut Outputs) {
         let enabled = self
             .axes
@@ -254,7 +254,7 @@ impl AxisSet {
         self.target = Some(target);
     }
 
-    /// Positions refer to another datum.
+    /// Handles a change of datum.
     fn rename(&mut self, shift: &[f64; AXES]) {
         for axis in &mut self.axes {
             axis.rename(shift[axis.index()]);
@@ -264,13 +264,13 @@ impl AxisSet {
         }
     }
 
-    /// What became of each gantry.
+    /// Returns the events of each gantry.
     pub(crate) fn take_gantry_events(&mut self) -> impl Iterator<Item = GantryEvent> + '_ {
         let axes = &self.axes;
         self.gantries.iter_mut().map(|pair| pair.take_event(axes))
     }
 
-    /// The limit switches of a motor as the core has to see them.
+    /// The limit switches of a motor as reported to the core.
     fn limits(&self, entry: usize, pressed: [bool; 2]) -> [bool; 2] {
         let mut pairs = self.gantries.iter();
         pairs
@@ -323,7 +323,7 @@ impl AxisSet {
         Some(feedback)
     }
 
-    /// The same without a new reading: the axes have stopped replying, which is current information.
+    /// The feedback without a new reading: it reports that the axes have stopped replying.
     pub(crate) fn lost_feedback(&self, now_ns: u64) -> Option<Feedback> {
         let feedback = self.feedback()?;
         Some(Feedback {

@@ -24,7 +24,7 @@ use crate::smart_serial::MAX_REMOTES;
 
 /// The largest file that is read, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
-/// Longest time of the watchdog, ms.
+/// Maximum time of the watchdog, ms.
 pub(crate) const MAX_WATCHDOG_MS: f64 = 1000.0;
 /// Maximum number of units of one module.
 const MAX_UNITS: f64 = 15.0;
@@ -139,7 +139,7 @@ impl BoardSettings {
     /// Reads a file.
     ///
     /// # Errors
-    /// It cannot be read, or what it says makes no sense.
+    /// It cannot be read, or its contents are invalid.
     pub fn load(path: &Path) -> Result<Self, BoardFileError> {
         let (text, file) = read_text(path, MAX_FILE_BYTES, "board file")?;
         Ok(Self::parse(&text, &file)?)
@@ -148,7 +148,7 @@ impl BoardSettings {
     /// Reads the text of a file; `file` names it in errors.
     ///
     /// # Errors
-    /// Text that is not TOML, keys that are unknown, missing or make no sense: with line and column.
+    /// Text that is not TOML; unknown, missing or invalid keys: with line and column.
     pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::toml(text, file)?;
         let read: BoardFile = sheet.read()?;

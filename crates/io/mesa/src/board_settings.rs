@@ -13,7 +13,7 @@ pub struct BoardSettings {
     pub address: IpAddr,
     /// The required name of the board.
     pub name: Option<String>,
-    /// Packets in a row that may be lost.
+    /// Maximum number of consecutive lost packets.
     pub max_lost_packets: u32,
     /// Time of the watchdog, s.
     pub watchdog_s: f64,
@@ -74,7 +74,7 @@ pub enum InputSource {
     Encoder {
         /// Number.
         unit: usize,
-        /// Turned round.
+        /// Whether the direction is reversed.
         inverted: bool,
     },
     /// A number from a smart-serial device, in the device's unit.
@@ -158,7 +158,7 @@ impl SpindleAngleSource {
     }
 }
 
-/// What turns a spindle to an angle (M19).
+/// Orientation of a spindle (M19).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SpindleOrienting {
     /// A position loop of the bridge.
@@ -167,7 +167,7 @@ pub enum SpindleOrienting {
     Drive {
         /// Output that commands it.
         command: Pin,
-        /// Input that says that the spindle is there.
+        /// Input that reports that the spindle is at its angle.
         reached: Pin,
         /// The drive's angle, degrees.
         angle_deg: f64,
@@ -221,7 +221,7 @@ pub struct Gains {
     pub d: f64,
 }
 
-/// What moves an axis.
+/// Actuator of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Actuator {
     /// A stepper, or a servo with step and direction.
@@ -247,7 +247,7 @@ pub enum Actuator {
 }
 
 impl Actuator {
-    /// What counts its position, and the number of that.
+    /// The unit that counts its position, and its number.
     pub(crate) const fn counter(&self) -> (&'static str, usize) {
         match self {
             Self::Steps { unit, .. } => ("step generator", *unit),
@@ -261,9 +261,9 @@ impl Actuator {
 pub struct BoardAxis {
     /// Index into X Y Z A B C U V W.
     pub axis: usize,
-    /// What moves it.
+    /// Its actuator.
     pub actuator: Actuator,
-    /// Steps or counts a mm or degree, positive.
+    /// Steps or counts per mm or degree, positive.
     pub per_unit: f64,
     /// The motor turns against the axis.
     pub inverted: bool,

@@ -96,19 +96,19 @@ impl Module {
     }
 }
 
-/// The secondary function of a pin, beside plain input and output.
+/// The secondary function of a pin, besides plain input and output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PinFunction {
     /// Function tag of the module; 0 for none.
     pub tag: u8,
-    /// Which instance.
+    /// Number of the instance.
     pub unit: u8,
     /// Pin number within the instance; bit 7 marks an output.
     pub pin: u8,
 }
 
 impl PinFunction {
-    /// A module reads the pin, so something outside of the board drives it.
+    /// Whether a module reads the pin, so that something outside of the board drives it.
     #[must_use]
     pub const fn is_input(self) -> bool {
         self.tag != 0 && self.pin & 0x80 == 0
@@ -342,7 +342,7 @@ mod tests {
         pins: u32,
         ports: u32,
         width: u32,
-        /// Where its IDROM is.
+        /// Address of its IDROM.
         idrom: u32,
     }
 

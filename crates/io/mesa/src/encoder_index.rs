@@ -1,18 +1,18 @@
 //! The latch of an encoder's index pulse by the board, on request of the core.
 //!
 //! The board keeps latching until a pulse has come (Just Once), so the write that arms it must not be
-//! repeated once it has arrived: it would take the pulse after that. Each arming therefore has a number,
-//! which the same packet stores in a scratch word of the board.
+//! repeated once it has arrived: a repetition would latch the pulse after that. Each arming therefore has a
+//! number, which the same packet stores in a scratch word of the board.
 
 /// Control bits of an encoder: quadrature, with the long filter.
 pub(crate) const QUADRATURE: u32 = 1 << 11;
-/// The rising edge of the index input is the pulse; otherwise the falling one.
+/// The rising edge of the index input counts; otherwise the falling one.
 pub(crate) const INDEX_RISING: u32 = 1 << 3;
 /// The count is latched at the pulse; the board clears this bit with Just Once.
 const LATCH_ON_INDEX: u32 = 1 << 4;
 const JUST_ONCE: u32 = 1 << 6;
 
-/// What arms the latch of an encoder, in one packet.
+/// The command that arms the latch of an encoder, in one packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct IndexCommand {
     /// The encoder.
@@ -29,20 +29,20 @@ enum Phase {
     Off,
     /// The arming is to be written with the next packet.
     Sending,
-    /// It was written, and no reading has told whether it arrived.
+    /// It was written, and no reading has shown yet whether it arrived.
     Sent,
     /// The board latches the next pulse.
     Armed,
 }
 
-/// What a reading has shown.
+/// Result of a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum IndexReading {
     /// Nothing new.
     Nothing,
     /// From now on the board latches the next pulse.
     Armed,
-    /// The pulse came at this count.
+    /// The pulse occurred at this count.
     At(u16),
 }
 
@@ -56,10 +56,10 @@ pub(crate) struct EncoderIndex {
 }
 
 impl EncoderIndex {
-    /// Latches the next pulse of an encoder; a latch that is under way begins again.
+    /// Latches the next pulse of an encoder; a latch in progress begins again.
     pub(crate) const fn arm(&mut self, unit: usize, rising: bool) {
         (self.phase, self.unit, self.rising) = (Phase::Sending, unit, rising);
-        // 0 is what a board has that was just set up.
+        // A board that has just been set up has 0.
         self.number = if self.number == u16::MAX {
             1
         } else {
@@ -67,7 +67,7 @@ impl EncoderIndex {
         };
     }
 
-    /// Nothing is to be latched any more. A latch that is still armed in the board does no harm.
+    /// Cancels the latch. A latch that is still armed in the board has no effect.
     pub(crate) const fn disarm(&mut self) {
         self.phase = Phase::Off;
     }
@@ -80,7 +80,7 @@ impl EncoderIndex {
         }
     }
 
-    /// What the next packet writes.
+    /// The command for the next packet.
     pub(crate) const fn command(&mut self) -> Option<IndexCommand> {
         if !matches!(self.phase, Phase::Sending) {
             return None;
@@ -123,8 +123,8 @@ mod tests {
 
     use super::*;
 
-    /// A board whose packets are lost at random in either direction: the pulse that is reported is the first
-    /// one after the arming arrived, never a later one.
+    /// A board whose packets are lost at random in either direction: the reported pulse is the first one
+    /// after the arming arrived, never a later one.
     #[test]
     fn the_first_pulse_after_the_arming_is_reported_whatever_is_lost() {
         let mut random = Random::new();
@@ -133,7 +133,7 @@ mod tests {
             let (mut expected, mut reported, mut armed) = (None, None, false);
             let mut asked = 0;
             for period in 0..400_u16 {
-                // Pulses are where they are, whether anybody looks.
+                // Pulses occur independent of readings.
                 let reading = (random.bits() % 10 < 7).then_some((number, control));
                 if let Some((number, control)) = reading {
                     match latch.take(number, control) {

@@ -1,4 +1,4 @@
-//! Pins behind modules of their own: inputs with a filter (InM), isolated outputs (SSR, OutM).
+//! Pins with their own modules: filtered inputs (InM), isolated outputs (SSR, OutM).
 //!
 //! A 7I96S has all three: its inputs are filtered by InM, four outputs are switched by SSR and two by OutM.
 //! SSR drives the gates of isolated transistors through transformers, with an alternating signal between each

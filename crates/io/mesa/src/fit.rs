@@ -9,8 +9,8 @@ use crate::board_settings::{
     Actuator, BoardAxis, BoardSettings, InputSource, OutputTarget, SpindleOrienting, SpindleSpeed,
 };
 
-/// Maximum speed of squaring, as a fraction of the maximum velocity: motors may exceed that velocity by as
-/// much.
+/// Maximum speed of squaring, as a fraction of the maximum velocity: motors may exceed that velocity by this
+/// fraction.
 const SQUARE_FRACTION: f64 = 0.2;
 
 /// Why a board file does not fit a machine file.
@@ -60,7 +60,7 @@ pub enum FitError {
         /// Value of the board file.
         possible: f64,
     },
-    /// A beam that is squared faster than the motors can move beside the motion of the axis.
+    /// A beam that is squared faster than the motors can move in addition to the motion of the axis.
     #[error(
         "{letter}: a square_speed of {speed:.3} per second is more than a fifth of max_velocity, {most:.3}: \
          motors move with both at the same time; lower square_speed"
@@ -240,7 +240,8 @@ pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitErro
     Ok(())
 }
 
-/// Maximum velocity of the motors of an axis: that of the machine file, and of squaring where there are two.
+/// Maximum velocity of the motors of an axis: that of the machine file, plus that of squaring if there are
+/// two.
 pub(crate) fn max_velocity(machine: &Machine, board: &BoardSettings, axis: usize) -> f64 {
     let listed = machine.axes.iter().find(|listed| listed.letter.index() == axis);
     let mut motors = board.axes.iter().filter(|motor| motor.axis == axis);
@@ -248,8 +249,8 @@ pub(crate) fn max_velocity(machine: &Machine, board: &BoardSettings, axis: usize
     listed.map_or(0.0, |listed| listed.max_velocity) + squaring.map_or(0.0, |gantry| gantry.square_velocity)
 }
 
-/// Whether a motor of an axis reaches `needed`, which is `max_velocity` of the machine file and what squaring
-/// adds.
+/// Checks that a motor of an axis reaches `needed`, which is `max_velocity` of the machine file plus the
+/// velocity of squaring.
 fn check_motor(motor: &BoardAxis, letter: char, max_velocity: f64, needed: f64) -> Result<(), FitError> {
     if let Some(gantry) = motor.gantry
         && gantry.square_velocity > SQUARE_FRACTION * max_velocity
@@ -285,8 +286,8 @@ fn check_motor(motor: &BoardAxis, letter: char, max_velocity: f64, needed: f64) 
     Ok(())
 }
 
-/// Notes about a valid pair of files: motors that are coarser than the machine's increments, and spindles of
-/// which one file says that they are measured and the other does not.
+/// Notes about a valid pair of files: motors that are coarser than the machine's increments, and spindles
+/// that are measured according to only one of the files.
 #[must_use]
 pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
     let mut notes = coarse_motors(machine, board);

@@ -31,7 +31,8 @@
 //! [`Link`] reads the [`Description`] of a board; [`Packet`] is the protocol. [`run`] is the bridge: one
 //! packet that reads and one that writes in each period. The end of a session (packets lost, the watchdog, a
 //! board that has restarted) stops the axes within their limits as long as the board receives packets, and
-//! then the feedback, which is a stop for the core; then the board is set up again, under a new instance.
+//! then the feedback, which makes the core stop the axes. Then the board is set up again, under a new
+//! instance.
 
 mod axis;
 mod axis_set;

@@ -27,7 +27,7 @@ pub enum LinkError {
         /// The error of the operating system.
         cause: String,
     },
-    /// Nobody answers.
+    /// No board replies.
     #[error(
         "no board replies at {address}: check supply, cable, and that this computer has an address of the \
          same network; boards \
@@ -88,7 +88,7 @@ impl Link {
         loop {
             match self.socket.recv(buffer) {
                 Ok(length) => return Some(&buffer[..length]),
-                // The board's port is closed (ICMP); a packet behind this error is read next.
+                // The board's port is closed (ICMP); a packet after this error is read next.
                 Err(error) if error.kind() == ErrorKind::ConnectionRefused => {}
                 Err(_) => return None,
             }
@@ -143,7 +143,7 @@ impl Link {
     /// Reads the description of a board.
     ///
     /// # Errors
-    /// The board does not answer, or has no HostMot2.
+    /// The board does not reply, or has no HostMot2.
     pub fn explore(&self) -> Result<Description, LinkError> {
         let mut packet = Packet::new();
         packet.read(Space::Board, 0, 8)?;

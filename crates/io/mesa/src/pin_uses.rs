@@ -1,4 +1,4 @@
-//! Every pin and unit that a board file names, with its key: what two entries cannot share.
+//! Every pin and unit that a board file names, with its key, to find conflicts between entries.
 
 use evolvent_config::{ConfigDocument, ConfigError};
 
@@ -12,7 +12,7 @@ pub(crate) struct PinUse {
     /// Its key, such as `axis[0].enable`.
     pub(crate) key: String,
     pub(crate) pin: Pin,
-    /// The bridge drives it.
+    /// Whether the bridge drives it.
     pub(crate) is_driven: bool,
 }
 
@@ -151,7 +151,7 @@ impl BoardSettings {
     }
 }
 
-/// Whether two uses are of one terminal. Inputs and outputs of a smart-serial device are numbered apart.
+/// Whether two uses are of one terminal. Inputs and outputs of a smart-serial device are numbered separately.
 fn is_one_terminal(one: &PinUse, other: &PinUse) -> bool {
     let is_same = (one.pin.pin, one.pin.remote) == (other.pin.pin, other.pin.remote);
     is_same && (one.pin.remote.is_none() || one.is_driven == other.is_driven)

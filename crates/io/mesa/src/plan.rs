@@ -25,7 +25,7 @@ pub(crate) const MAX_UNITS: usize = 16;
 /// the last arming of each index latch.
 pub(crate) const SCRATCH: u16 = 0x10;
 const INDEX_SCRATCH: u16 = SCRATCH + 6;
-/// Index latches: one of the axes, and one of each spindle from this place on.
+/// Number of index latches: one for the axes, then one for each spindle.
 pub(crate) const INDEX_SLOTS: usize = 1 + SPINDLES;
 pub(crate) const SPINDLE_SLOT: usize = 1;
 /// Feeds the watchdog.
@@ -143,7 +143,7 @@ impl Plan {
         period_s: f64,
     ) -> Result<Self, PlanError> {
         check_name(board, settings)?;
-        // It is fed once per period, and a little later at times.
+        // It is fed once per period, and sometimes slightly later.
         if settings.watchdog_s < 2.0 * period_s {
             return Err(PlanError::Watchdog {
                 watchdog_ms: settings.watchdog_s * 1e3,
@@ -198,7 +198,7 @@ impl Plan {
             let rpm = max_rpm.get(spindle.number).copied();
             plan.use_spindle(board, listed, spindle)?;
             if let (Some(angle), Some(rpm)) = (&spindle.angle, rpm.filter(|rpm| rpm.is_finite())) {
-                // Readings that are missing are a fault of the spindle, if it turns fast enough.
+                // Missing readings are a fault of the spindle if it turns fast enough.
                 let counts = rpm / 60.0 * angle.counts_per_turn() * period_s;
                 if counts > MAX_COUNTS {
                     return Err(PlanError::Counts {
@@ -212,7 +212,7 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Uses the modules of an axis, which must be fast enough for it.
+    /// Reserves the modules of an axis, which must be fast enough for it.
     fn use_actuator(
         &mut self,
         board: &Description,
@@ -265,7 +265,7 @@ impl Plan {
         Ok(())
     }
 
-    /// Uses what belongs to a spindle beside its pins.
+    /// Reserves the modules of a spindle; its pins follow separately.
     fn use_spindle(
         &mut self,
         board: &Description,
@@ -297,7 +297,7 @@ impl Plan {
         Ok(())
     }
 
-    /// Uses what an input of the board file's list is read from, unless it is a pin.
+    /// Reserves the source of an input of the board file's list, unless it is a pin.
     fn use_input(
         &mut self,
         board: &Description,
@@ -485,7 +485,7 @@ impl Plan {
         self.serial.as_ref().map_or(Ok(()), |serial| serial.read(packet))
     }
 
-    /// Its reply.
+    /// Evaluates the reply to [`Plan::read`].
     pub(crate) fn take_reply(
         &self,
         mut reply: crate::packet::Reply<'_>,
@@ -572,8 +572,8 @@ impl Plan {
     }
 }
 
-/// Readings are missing for at most `max_lost` periods, and the next comes within one more: no counter may
-/// turn over in that time.
+/// Checks that no counter can wrap while readings are missing: for at most `max_lost` periods, and one more
+/// until the next reading.
 fn check_gap(
     what: &'static str,
     unit: usize,

@@ -26,13 +26,13 @@ use crate::spindle::{SpindleNotice, SpindleSet};
 const STOP_NS: u64 = 1_500_000_000;
 /// Periods for which a fault is reported to the core before the feedback ends.
 const TELL: u64 = 20;
-/// Share of a period within which a reply must arrive.
+/// Fraction of a period within which a reply must arrive.
 const REPLY: (u64, u64) = (6, 10);
 
 /// Why a session did not start, or why it ended.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SessionError {
-    /// The board does not answer, or is not a HostMot2 board.
+    /// The board does not reply, or is not a HostMot2 board.
     #[error(transparent)]
     Link(#[from] LinkError),
     /// The board does not support its board file.
@@ -68,7 +68,7 @@ pub enum SessionError {
         /// The time after which a counter may have turned over.
         most_ms: f64,
     },
-    /// A counter was not read for so long that it may have turned over unseen.
+    /// A counter was not read for so long that it may have wrapped unnoticed.
     #[error(
         "{what} {unit} was not read for {gap_ms:.0} ms, and at full speed its position is unknown after \
          {most_ms:.0} ms: home again, and check what suspended this computer's processes (`evolvent \
@@ -116,14 +116,14 @@ pub enum Notice {
     Gantry { axis: usize, fault: GantryFault },
     /// A spindle, by its number.
     Spindle { number: usize, notice: SpindleNotice },
-    /// A gantry was homed by its switches, and its second motor was so far from square.
+    /// A gantry was homed by its switches, and its second motor was this far from square.
     Squared { axis: usize, by: f64 },
 }
 
 /// Counters over all sessions.
 #[derive(Debug, Default)]
 pub(crate) struct Counters {
-    /// Times that the board was set up.
+    /// Number of times that the board was set up.
     pub(crate) ready: AtomicU64,
     pub(crate) cycles: AtomicU64,
     /// Replies that were late or lost.
@@ -191,7 +191,7 @@ pub(crate) fn run_session(
         was_apart: [false; AXES],
     };
     cycle.set_up()?;
-    // What was sent before is void: while the board was away the queue has kept the oldest.
+    // Earlier messages are void: without a board the queue has kept the oldest ones.
     while ends.bus.incoming.pop().is_ok() {}
     ends.counters.ready.fetch_add(1, Ordering::Relaxed);
     let _full = ends.bus.notices.push(Notice::Operational);
@@ -220,7 +220,7 @@ struct Cycle<'a> {
     failed: [u32; MAX_REMOTES],
     /// Fault codes already reported, in the order of the board file's axes.
     reported: [u16; 2 * AXES],
-    /// Axes of which the fault of a gantry was reported.
+    /// Axes whose gantry fault was reported.
     was_apart: [bool; AXES],
 }
 
@@ -308,8 +308,8 @@ impl Cycle<'_> {
         }
     }
 
-    /// Axes stop and outputs are safe from the next command on; the axes keep their torque until they have
-    /// stopped.
+    /// Ends the session: axes stop and outputs are safe from the next command on; the axes keep their torque
+    /// until they have stopped.
     const fn end(&mut self) {
         self.axes.end();
         self.signals.end();
@@ -326,14 +326,14 @@ impl Cycle<'_> {
         Ok(())
     }
 
-    /// Outputs are safe, spindles off.
+    /// Makes outputs safe and switches spindles off.
     fn switch_off(&mut self) {
         let _safe = self.signals.step(u64::MAX, &self.plan, &mut self.outputs);
         self.spindles.step(None, 0, &self.plan, &mut self.outputs);
         self.outputs.index = [None; INDEX_SLOTS];
     }
 
-    /// One period: read, compute, write.
+    /// Runs one period: read, compute, write.
     fn cycle(&mut self, now_ns: u64, ends: &mut Ends<'_, '_>, is_ending: bool) -> Result<(), SessionError> {
         let begin_ns = monotonic_ns();
         self.read_number = self.read_number.wrapping_add(1);
@@ -366,7 +366,7 @@ impl Cycle<'_> {
         } else {
             None
         };
-        // A sample that finds no room is replaced by the next.
+        // A sample that does not fit into the queue is replaced by the next.
         if let Some(feedback) = feedback {
             let _full = ends.bus.feedback.push(feedback);
         }
@@ -399,7 +399,7 @@ impl Cycle<'_> {
         Ok(())
     }
 
-    /// The reply to the last reading, and the time at which the board executed it.
+    /// Returns the reply to the last read packet, and the time at which the board executed it.
     fn collect(&mut self, ends: &Ends<'_, '_>, sent_ns: u64, waited_ns: &mut u64) -> Option<(Inputs, u64)> {
         let until_ns = sent_ns + self.period_ns * REPLY.0 / REPLY.1;
         loop {

@@ -9,10 +9,10 @@ use crate::board_settings::{BoardSettings, InputSource, OutputTarget, Pin};
 use crate::plan::{Inputs, Outputs, Plan};
 use crate::spindle::put_duty;
 
-/// Time between two messages of inputs that do not change, ns.
+/// Interval between messages of unchanged inputs, ns.
 const INPUTS_EVERY_NS: u64 = 5_000_000;
 
-/// The counts of an encoder, beyond what its register holds.
+/// The counts of an encoder, extended beyond the range of its register.
 #[derive(Debug)]
 struct Counter {
     /// Number of the analog input on the bus.
@@ -26,7 +26,7 @@ struct Counter {
 impl Counter {
     /// Counts since the first reading.
     fn read(&mut self, inputs: &Inputs) -> f64 {
-        // The register has 16 bits, and the time of the last count above them.
+        // The register has the count in its lower 16 bits, and the time of the last count above.
         let now = inputs.counts[self.unit] as u16;
         let step = now.wrapping_sub(self.last.unwrap_or(now)) as i16;
         self.last = Some(now);
@@ -59,7 +59,7 @@ impl Output {
     }
 }
 
-/// Signals of one session. Nothing but the constructor allocates.
+/// Signals of one session. Only the constructor allocates.
 #[derive(Debug)]
 pub(crate) struct Signals {
     follower: OutputFollower,
@@ -77,7 +77,7 @@ pub(crate) struct Signals {
 }
 
 impl Signals {
-    /// Names that the machine does not have are left out; [`crate::check_fit`] names them.
+    /// Names that the machine does not have are skipped; [`crate::check_fit`] reports them.
     pub(crate) fn new(machine: &Machine, board: &BoardSettings, instance: u64) -> Self {
         let signals = &machine.signals;
         let (mut inputs, mut counters, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
@@ -122,17 +122,18 @@ impl Signals {
         }
     }
 
-    /// From now on all outputs are safe and spindles stop, whatever the core sends.
+    /// Makes outputs safe and stops spindles from now on, whatever the core sends.
     pub(crate) const fn end(&mut self) {
         self.ending = true;
     }
 
     pub(crate) fn offer(&mut self, now_ns: u64, message: &MachineOutputs) {
-        // What comes damaged is followed by a message that is complete.
+        // A damaged message is followed by a complete one.
         let _damaged = self.follower.offer(now_ns, message);
     }
 
-    /// The outputs of this moment; far in the future they are safe. Returns what the core has commanded.
+    /// Sets the outputs at `now_ns`; a time far in the future makes them safe. Returns the outputs commanded
+    /// by the core.
     pub(crate) fn step(&mut self, now_ns: u64, plan: &Plan, outputs: &mut Outputs) -> MachineOutputs {
         let wanted = self.follower.step(if self.ending { u64::MAX } else { now_ns });
         self.outputs_sequence = wanted.sequence;
@@ -151,7 +152,7 @@ impl Signals {
         wanted
     }
 
-    /// What was read, where it has to be sent.
+    /// Evaluates a reading. Returns the message, if one has to be sent.
     pub(crate) fn read(&mut self, measured_ns: u64, plan: &Plan, inputs: &Inputs) -> Option<MachineInputs> {
         let mut message = self.sent;
         (message.digital_mask, message.digital) = (0, 0);

@@ -1,5 +1,5 @@
-//! Smart serial: devices behind a board that describe their own inputs and outputs, such as the field I/O of
-//! a 7I76E.
+//! Smart serial: devices connected to a board that describe their own inputs and outputs, such as the field
+//! I/O of a 7I76E.
 //!
 //! The module's processor (SSLBP) executes one command at a time and clears the command register at its end.
 //! In setup mode the bridge reads the process data descriptors from a device's memory. In normal mode each
@@ -217,7 +217,7 @@ pub(crate) struct Remote {
 }
 
 impl Remote {
-    /// The bit of a field input or output by its number; packed bits are counted in their order.
+    /// The bit of a field input or output by its number; packed bits are counted in order.
     pub(crate) fn field_bit(&self, is_output: bool, number: usize) -> Result<usize, RemoteError> {
         let elements = if is_output { &self.outputs } else { &self.inputs };
         let mut left = number;
@@ -329,7 +329,7 @@ impl SmartSerial {
             }
             asking.start(START, settings)?;
         }
-        // In the order of the file, because pins refer to it.
+        // In the order of the file, because pins refer to this order.
         let place = |remote: &Remote| {
             settings
                 .iter()

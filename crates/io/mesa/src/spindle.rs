@@ -19,48 +19,49 @@ const STOPPED: u32 = 0;
 const CLOCKWISE: u32 = 1;
 const COUNTER_CLOCKWISE: u32 = 2;
 const ORIENT: u32 = 3;
-/// How near M19 R has to be to the angle of a drive that turns the spindle to its own, degrees.
+/// Maximum difference between M19 R and the angle of a drive that orients the spindle itself, degrees.
 const SAME_ANGLE_DEG: f64 = 0.05;
-/// Periods for which the input of such a drive counts for nothing: it still tells of the orientation before.
+/// Periods for which the input of such a drive is ignored: it may still report the previous orientation.
 const ORIENTING_PERIODS: u32 = 20;
 
-/// How much faster a spindle may have turned than measured or commanded.
+/// Factor by which a spindle may have been faster than measured or commanded.
 const MARGIN: f64 = 1.2;
 
-/// What happens to a spindle, for the user.
+/// Events of a spindle, for the user.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SpindleNotice {
-    /// Its encoder.
+    /// Its encoder has a fault.
     Encoder(SpindleEncoderFault),
     /// Its drive reports a fault.
     DriveFault,
-    /// M19, and nothing can turn it to an angle; or the drive to this angle only.
+    /// M19 was commanded, and nothing can turn the spindle to an angle; or the drive can only turn it to this
+    /// angle.
     NotOriented(Option<f64>),
 }
 
-/// A spindle. Nothing but the constructor allocates.
+/// A spindle. Only the constructor allocates.
 #[derive(Debug)]
 struct Spindle {
     settings: BoardSpindle,
-    /// Its place in the board file's list.
+    /// Its index in the board file's list.
     listed: usize,
     encoder: Option<SpindleEncoder>,
     index: EncoderIndex,
     orientation: Option<SpindleOrientation>,
     power: SpindlePower,
-    /// The machine file has it with feedback.
+    /// Whether the machine file has it with feedback.
     is_heard: bool,
     sent: SpindleFeedback,
     /// Command in force: direction, speed, angle, and number of the outputs.
     direction: u32,
     rpm: f64,
     outputs_sequence: u64,
-    /// Periods since the drive was told to turn it to its angle.
+    /// Periods since the drive was commanded to orient it.
     orienting_for: u32,
     is_reached: bool,
     has_drive_fault: bool,
     is_at_speed: Option<bool>,
-    /// What was told of it.
+    /// The last reported event.
     told: Option<SpindleNotice>,
     news: Option<SpindleNotice>,
 }
@@ -126,14 +127,14 @@ impl SpindleSet {
         self.spindles.iter_mut().filter_map(Spindle::feedback)
     }
 
-    /// What the user has to know, once each.
+    /// Returns the events for the user, once each.
     pub(crate) fn take_news(&mut self) -> impl Iterator<Item = (usize, SpindleNotice)> + '_ {
         self.spindles
             .iter_mut()
             .filter_map(|spindle| Some((spindle.settings.number, spindle.news.take()?)))
     }
 
-    /// One period by the outputs in force; `None` switches everything off at once.
+    /// Runs one period with the outputs in force; `None` switches everything off at once.
     pub(crate) fn step(
         &mut self,
         wanted: Option<&MachineOutputs>,
@@ -161,7 +162,7 @@ impl Spindle {
         let gap_ns = encoder
             .read_at_ns()
             .map_or(0, |read_ns| measured_ns.saturating_sub(read_ns));
-        // Meanwhile it has gone from its speed to the commanded one.
+        // Meanwhile it may have changed from its speed to the commanded one.
         let rpm = encoder.speed_rpm().abs().max(self.rpm.abs());
         if is_unread(&angle, rpm, gap_ns as f64 * 1e-9) {
             encoder.set_unread(gap_ns / 1_000_000);
@@ -188,7 +189,7 @@ impl Spindle {
         self.tell(news);
     }
 
-    /// A condition that lasts is reported once.
+    /// Reports a persistent condition once.
     fn tell(&mut self, news: Option<SpindleNotice>) {
         let is_same = match (&self.told, &news) {
             (Some(SpindleNotice::Encoder(_)), Some(SpindleNotice::Encoder(_))) => true,
@@ -262,7 +263,7 @@ impl Spindle {
             && let Some(encoder) = &mut self.encoder
             && encoder.fault().is_some()
         {
-            // The alarm has stopped it: what comes next begins with another zero.
+            // The alarm has stopped it: the next motion begins with a new zero.
             encoder.reset();
             self.index.disarm();
         }
@@ -339,8 +340,8 @@ impl Spindle {
     }
 }
 
-/// Whether a counter may have turned over unseen in a gap between two readings, of a spindle whose speed was
-/// at most this.
+/// Whether a counter may have wrapped unnoticed in a gap between two readings, if the speed of the spindle
+/// was at most `rpm`.
 fn is_unread(angle: &SpindleAngleSource, rpm: f64, gap_s: f64) -> bool {
     MARGIN * rpm / 60.0 * angle.counts_per_turn() * gap_s > MAX_COUNTS
 }
@@ -358,8 +359,8 @@ mod tests {
 
     use super::*;
 
-    /// 30 000 counts are 73 ms of 6000 rpm at 4096 counts a turn, less the fifth that a speed may be too
-    /// high.
+    /// 30 000 counts take 73 ms at 6000 rpm and 4096 counts per turn, less a fifth because the speed may be
+    /// higher by `MARGIN`.
     #[test]
     fn a_spindle_may_go_without_a_reading_for_less_than_half_its_counter() {
         let angle = SpindleAngleSource {

@@ -1,4 +1,4 @@
-//! Board files: what is read, what is refused, and whether they fit their machines.
+//! Board files: reading, errors, and comparison with their machines.
 
 use evolvent_mesa::{BoardSettings, FitError, board_schema, check_fit, fit_notes};
 
@@ -262,7 +262,7 @@ fn the_shipped_lathe_fits_its_machine_and_its_spindle_is_measured() {
     assert!(board.spindles[0].knows_angle());
 }
 
-/// Nothing else says so before a program is in the middle of a part.
+/// Without this check the error would only show within a program.
 #[test]
 fn a_probe_that_no_board_can_report_is_noted() {
     let board = BoardSettings::parse(&text(), "b.toml").expect("a board file");
@@ -331,7 +331,7 @@ fn what_of_a_spindle_makes_no_sense_is_refused_with_its_place() {
         },
     ];
     for refused in refused {
-        // The table is where a key is missing, or where two do not go together.
+        // If a key is missing, or two keys conflict, the error has the position of the table.
         let line = if refused.key == "belong together" {
             "[[spindle]]"
         } else {

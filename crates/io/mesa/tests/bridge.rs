@@ -1,4 +1,4 @@
-//! The bridge on the simulated board, over real sockets: what every bridge must do.
+//! The suite for all bridges, on the simulated board over real sockets.
 
 use core::ops::Range;
 use std::time::{Duration, Instant};
@@ -18,7 +18,7 @@ fn suite(cases: Range<usize>, board: impl Fn(std::net::IpAddr) -> BoardSettings,
     unless_disturbed(|| {
         let (server, address) = serve(model);
         let mut settings = board(address);
-        // The suite's period is 2 ms; a host that is busy may be late for so long.
+        // The suite's period is 2 ms; a busy host may be late for that long.
         (settings.max_lost_packets, settings.watchdog_s) = (40, 0.5);
         for axis in &settings.axes {
             if let Some(pin) = axis.switches[0] {
@@ -44,7 +44,7 @@ fn suite(cases: Range<usize>, board: impl Fn(std::net::IpAddr) -> BoardSettings,
     });
 }
 
-/// In halves that run at the same time, because each waits for something most of it.
+/// Two halves run at the same time, because each waits most of the time.
 const HALF: usize = CASES.len() / 2;
 
 #[test]
@@ -57,7 +57,7 @@ fn it_does_the_rest_of_what_every_bridge_must() {
     suite(HALF..CASES.len(), router, BoardModel::B7i96s);
 }
 
-// The same with enables, switches, input and output on the field I/O of a 7I76E.
+// The suite with enables, switches, input and output on the field I/O of a 7I76E.
 #[test]
 fn it_does_so_by_smart_serial() {
     suite(0..HALF, field_router, BoardModel::B7i76e);
@@ -87,7 +87,7 @@ fn its_spindle_does_what_every_spindle_must() {
                        reverse = { pin = 16 }\nencoder = 0\ncounts_per_rev = 4096\n";
         let mut board =
             BoardSettings::parse(&format!("{}{spindle}", &text[..begin]), "b.toml").expect("a board");
-        // The suite's period is 2 ms; a host that is busy may be late for so long.
+        // The suite's period is 2 ms; a busy host may be late for that long.
         (board.address, board.max_lost_packets, board.watchdog_s) = (address, 40, 0.5);
         let mut bridge = mesa_bridge(machine, board);
         let failures = failed_spindle_cases(&mut bridge, &format!("mesabs{}_", std::process::id()));
@@ -102,7 +102,7 @@ fn outputs_go_to_pins() {
     assert!(matches!(board.inputs[0].source, InputSource::Pin(pin) if pin.pin == 3));
 }
 
-/// The register has 16 bits, a wheel is turned for years.
+/// The register has only 16 bits, but a wheel may be turned for years.
 #[test]
 fn an_analog_input_counts_what_a_hand_turns_at_an_encoder() {
     unless_disturbed(|| {
@@ -143,7 +143,7 @@ fn an_analog_input_counts_what_a_hand_turns_at_an_encoder() {
             };
             counts(0.0);
             let mut total = 0.0;
-            // Three times round the register, there and back.
+            // Three times the range of the register, there and back.
             for turned in [
                 7.0, -20.0, 30_000.0, 30_000.0, 30_000.0, 30_000.0, 30_000.0, 30_000.0, 30_000.0, -30_000.0,
             ] {

@@ -1,5 +1,5 @@
-//! Each kind of fault at random moments of a motion, on the simulated board over real sockets. One moment of
-//! each, or `EVOLVENT_CASES` moments.
+//! Each kind of fault at random moments of a motion, on the simulated board over real sockets. One moment per
+//! kind, or `EVOLVENT_CASES` moments.
 
 use std::time::{Duration, Instant};
 
@@ -10,14 +10,14 @@ use evolvent_random::{Random, cases};
 
 use crate::common::core::{STEPS, with_bridge};
 
-/// Distance from where it began that X keeps, mm, and its maximum velocity, mm/s.
+/// Maximum distance of X from its start, mm, and its maximum velocity, mm/s.
 const REACH: f64 = 40.0;
 const FASTEST: f64 = 60.0;
-/// The highest velocity command: 1.2 of what the machine file permits X, mm/s. An axis whose setpoints or
-/// packets were late catches up.
+/// Maximum velocity command: 1.2 times the velocity that the machine file permits X, mm/s. An axis whose
+/// setpoints or packets were late catches up.
 const LIMIT: f64 = 1.2 * 150.0;
 
-/// Steps that the motor of X has made beyond those of its position.
+/// Steps of the motor of X minus those of its position.
 fn ahead(server: &BoardServer, position: f64) -> f64 {
     server.lock().motor_steps(0) - position * STEPS
 }
@@ -77,7 +77,7 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, server
         core.rest(0.3);
     }
     let here = core.bring_up();
-    // A new session counts from where the axis is found.
+    // A new session counts from the present position of the axis.
     if here.instance == before.instance {
         let lost = ahead(server, here.position[0]) - ahead_before;
         assert!(
@@ -85,8 +85,7 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, server
             "{kind:?} for {duration_ns} ns: {lost} steps lost"
         );
     }
-    // The host may keep the core from sending in time, which stops the axes: what is moved then is not
-    // compared.
+    // The host may keep the core from sending in time, which stops the axes: such a motion is not compared.
     let moved = (0..5).find_map(|_| {
         core.bring_up();
         let (from, motor) = (core.position[0], server.lock().motor_steps(0));

@@ -1,4 +1,4 @@
-//! What a board says it is, and what is told where it is none.
+//! The description of a board, and the errors if there is no valid one.
 
 use std::net::IpAddr;
 

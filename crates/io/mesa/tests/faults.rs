@@ -1,5 +1,5 @@
-//! Faults of the cable, of the board and of drives, on the simulated board over real sockets: what the core
-//! is told, and what the motors do.
+//! Faults of the cable, of the board and of drives, on the simulated board over real sockets: reports to the
+//! core, and motion of the motors.
 
 use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -45,7 +45,7 @@ fn the_motor_turns_as_many_steps_as_the_setpoints_say() {
     );
 }
 
-/// Losses that are shorter than the configured number leave no trace but their count.
+/// Losses that are shorter than the configured number have no effect other than their count.
 #[test]
 fn short_losses_are_counted_and_ridden_through() {
     for kind in [
@@ -87,7 +87,7 @@ fn short_losses_are_counted_and_ridden_through() {
     }
 }
 
-/// What does not pass ends in a stop of every axis, a fault for the core, and a new session once it is over.
+/// Longer faults end in a stop of every axis, a fault for the core, and a new session once they are over.
 #[test]
 fn longer_losses_and_lost_boards_stop_every_axis() {
     for (kind, wanted) in [
@@ -199,7 +199,7 @@ fn a_drive_in_fault_stops_all_quickly() {
     );
 }
 
-/// Three analog servos: encoder, PWM, and a velocity drive with a lag of 2 ms behind it.
+/// Three analog servos: encoder, PWM, and a velocity drive with a lag of 2 ms.
 fn servos(board: &mut BoardSettings) {
     let rest = "name = \"7I97\"\n".to_owned();
     let text = ["X", "Y", "Z"]
@@ -230,7 +230,7 @@ fn analog_servos_follow_by_their_encoders() {
         );
         let x = server.lock().shaft(0);
         let y = server.lock().shaft(1);
-        // 80 mm and back take the counter of 16 bits over its end.
+        // 80 mm and back make the 16-bit counter wrap.
         let mut largest: f64 = 0.0;
         for velocity in [60.0, -60.0, 60.0] {
             core.velocity_x = velocity;
@@ -255,8 +255,8 @@ fn analog_servos_follow_by_their_encoders() {
     });
 }
 
-/// 16 bits are 65 536 counts: at 140 mm/s and 1000 counts a mm they pass unseen in 0.47 s, and half of them
-/// in 0.23 s.
+/// 16 bits are 65 536 counts: at 140 mm/s and 1000 counts per mm a full wrap takes 0.47 s, and half of it
+/// 0.23 s.
 #[test]
 fn a_counter_that_was_not_read_for_too_long_ends_the_session() {
     let suspend_ms = AtomicU64::new(0);
@@ -358,7 +358,7 @@ fn a_spindle_turns_by_its_pwm_and_stops_with_the_core() {
     );
 }
 
-/// The board still receives packets when its replies are lost: the axes brake by them, which takes a while,
+/// The board still receives packets when its replies are lost: the axes brake with them, which takes time,
 /// but outputs do not wait.
 #[test]
 fn outputs_are_safe_while_the_axes_still_brake_at_the_end_of_a_session() {
@@ -407,7 +407,7 @@ fn a_jump_that_persists_is_not_followed() {
     );
 }
 
-/// Following begins beside the axes: the motor is not told to make up for that distance at once.
+/// Following begins at a distance from the axes: the motor does not remove that distance at once.
 #[test]
 fn following_begins_without_a_step_of_the_targets() {
     with_bridge(
@@ -420,7 +420,7 @@ fn following_begins_without_a_step_of_the_targets() {
                 core.stop();
                 core.rest(0.4);
                 let fastest = server.lock().take_fastest_rate(0) / STEPS;
-                // A share of the distance, as long as that takes, and steps that are found at their edges.
+                // A correction proportional to the distance, plus the edges of single steps.
                 let most = 20.0 * f64::abs(distance) + 1.0 + velocity;
                 assert!(
                     fastest > 0.0 && fastest <= most,

@@ -12,7 +12,7 @@ use evolvent_mesa_board::{BoardModel, BoardServer, FaultKind};
 
 use crate::common::{field_router, machine, router, serve};
 
-/// A core that says nothing but outputs.
+/// A core that sends only outputs.
 struct Core {
     bus: CoreBus,
     outputs: MachineOutputs,
@@ -35,7 +35,7 @@ impl Core {
         }
     }
 
-    /// Repeats the outputs until something shows.
+    /// Repeats the outputs until a condition is met.
     fn until(&mut self, what: &str, mut seen: impl FnMut(Option<&MachineInputs>) -> bool) {
         let begin = Instant::now();
         while !seen(self.heard.as_ref()) {
@@ -50,7 +50,7 @@ impl Core {
     }
 }
 
-/// Lends a test a board, the bridge on it, and a core.
+/// Runs a test with a board, its bridge, and a core.
 fn with_bridge(
     name: &str,
     model: BoardModel,
@@ -122,7 +122,7 @@ fn isolated_outputs_close_and_filtered_inputs_are_read() {
     );
 }
 
-/// Pin 14 of a machine file whose output is safe when it is on, and of one where it is safe when it is off.
+/// Pin 14 with a machine file whose safe value is on, and with one whose safe value is off.
 #[test]
 fn outputs_are_safe_until_a_core_says_otherwise_in_each_session() {
     for is_safe_on in [true, false] {
@@ -159,7 +159,8 @@ fn outputs_are_safe_until_a_core_says_otherwise_in_each_session() {
                     (outputs.digital, outputs.safe_digital) = (u64::from(!is_safe_on), u64::from(is_safe_on));
                 });
                 core.until("what the core says", |_| is_on() != is_safe_on);
-                // The board goes away while the core says more than the queue holds, and the core goes too.
+                // The board is lost while the core sends more than the queue holds, and then the core ends
+                // too.
                 server.lock().fault_now(FaultKind::LossIn, None);
                 core.until("the end of the session", |_| {
                     messages.contain("did not return in time")
@@ -202,8 +203,8 @@ fn a_slow_input_does_not_see_a_bounce() {
             };
             server.lock().set_level(3, false);
             core.until("a closed door", level(true));
-            // 3 ms at a time, six times: 18 ms in all, shorter than the 25 ms of the filter. The board's
-            // clock is that of its packets.
+            // Six times 3 ms: 18 ms in total, shorter than the 25 ms of the filter. The board's clock
+            // advances with its packets.
             for _ in 0..6 {
                 for on in [false, true] {
                     server.lock().set_level(3, !on);
@@ -215,7 +216,7 @@ fn a_slow_input_does_not_see_a_bounce() {
                     assert!(level(true)(core.heard.as_ref()), "a bounce was seen");
                 }
             }
-            // The filter counts up and down: full again, then the whole time of it.
+            // The filter counts up and down: it is full again, and then takes its full time.
             let until = Instant::now() + Duration::from_millis(100);
             while Instant::now() < until {
                 core.repeat();
@@ -257,7 +258,7 @@ fn field_inputs_outputs_and_the_spindle_of_a_7i76() {
                 let (share, reverse, enabled) = server.lock().field_spindle();
                 (share - 0.25).abs() < 3e-4 && !reverse && enabled
             });
-            // Without the core everything goes off, by the bridge; the device would do so too.
+            // Without the core the bridge switches everything off; the device would do so too.
             core.say(|outputs| outputs.digital = 1);
             core.until("the dust extraction again", |_| {
                 server.lock().field_output_is_on(3)

@@ -1,5 +1,5 @@
-//! Two motors of one axis on the simulated board, over real sockets, between them a beam that is racked when
-//! power comes: homing by the core, and what goes wrong in the middle.
+//! Two motors of one axis on the simulated board, over real sockets, with a beam that is racked at power-on:
+//! homing by the core, and faults during homing.
 
 use evolvent_bridge_trial::{HomingTrial, Messages, TrialCore, states};
 use evolvent_drive::{DriveState, GantrySettings, PowerRequest};
@@ -9,7 +9,7 @@ use evolvent_random::{Random, cases};
 
 use crate::common::core::{STEPS, with_bridge_to};
 
-/// Where the switches close, mm of the beam; they are not quite square.
+/// Positions at which the switches close, mm of the beam; they are not quite square.
 const SWITCHES: [f64; 2] = [-8.0, -8.12];
 /// Coordinate of the first switch.
 const SWITCH_MM: f64 = -3.0;
@@ -37,7 +37,7 @@ const fn pin(pin: usize, inverted: bool) -> Pin {
     }
 }
 
-/// A second motor of X: of step generator 3, whose motor turns against the axis.
+/// Adds a second motor of X: on step generator 3, turning against the axis.
 fn steppers(board: &mut BoardSettings) {
     let mut second = board.axes[0];
     if let Actuator::Steps { unit, .. } = &mut second.actuator {
@@ -84,7 +84,7 @@ fn gantry() -> GantrySettings {
     }
 }
 
-/// Neither motor of the beam turns.
+/// Asserts that neither motor of the beam turns.
 fn assert_stopped(server: &BoardServer) {
     for unit in [0, 3] {
         let rate = server.lock().step_rate(unit);
@@ -92,7 +92,7 @@ fn assert_stopped(server: &BoardServer) {
     }
 }
 
-/// A board with a racked beam, mm.
+/// Runs a test on a board with a beam racked by `rack` mm.
 fn on_beam(model: BoardModel, rack: f64, test: impl Fn(&mut TrialCore, &BoardServer, &Messages)) {
     let is_servo = model == BoardModel::B7i97;
     let side = |side: usize, start_mm: f64| BeamSide {
@@ -124,7 +124,7 @@ fn sides(server: &BoardServer) -> [f64; 2] {
     server.lock().beam().expect("a beam").position_mm()
 }
 
-/// How far the beam is from square, and the first motor from what the core calls it, mm.
+/// Errors of the beam's squareness and of the first motor's coordinate in the core, mm.
 fn errors(core: &TrialCore, server: &BoardServer) -> [f64; 2] {
     let [first, second] = sides(server);
     let (_, feedback) = core.heard.expect("feedback");
@@ -171,7 +171,7 @@ fn a_racked_beam_is_square_after_the_core_has_homed_it() {
             }
             core.velocity_x = 0.0;
             core.rest(0.2);
-            // What it has lost is found again: a motor without torque slips.
+            // The loss is corrected by homing: a motor without torque slips.
             switch_off(core);
             assert!(!server.lock().level(ENABLE_PIN) && !server.lock().level(11));
             server.lock().beam().expect("a beam").slip(1, -0.4);
@@ -185,14 +185,14 @@ fn a_racked_beam_is_square_after_the_core_has_homed_it() {
     }
 }
 
-/// Analog servos, whose encoders tell how far they are apart at any moment.
+/// Analog servos, whose encoders always show their difference.
 #[test]
 fn a_racked_beam_of_servos_is_square_after_homing() {
     on_beam(BoardModel::B7i97, -0.5, |core, server, _| {
         core.bring_up();
         core.home_x(&HOMING, |_| {}).expect("machine zero");
         core.rest(1.0);
-        // Their loops are within 0.02 mm at rest, each.
+        // Each loop is within 0.02 mm at rest.
         assert_square(core, server, SQUARE_MM + 0.04);
     });
 }
@@ -232,7 +232,7 @@ fn a_home_switch_that_never_closes_stops_both_motors() {
     }
 }
 
-/// One side is held while the axis moves: encoders show it, so both stop before the beam is racked much
+/// One side is blocked while the axis moves: encoders show it, so both stop before the beam is racked much
 /// farther than permitted.
 #[test]
 fn a_blocked_servo_stops_both_before_the_limit_is_far_behind() {
@@ -260,7 +260,7 @@ fn a_blocked_servo_stops_both_before_the_limit_is_far_behind() {
     });
 }
 
-/// Motors that step do not tell that one was held. The next homing does, and does not drive on.
+/// Steppers do not show that one was blocked. The next homing detects it, and does not continue.
 #[test]
 fn steps_that_a_blocked_side_has_lost_are_found_by_homing() {
     on_beam(BoardModel::B7i96s, 0.0, |core, server, _| {
@@ -269,7 +269,7 @@ fn steps_that_a_blocked_side_has_lost_are_found_by_homing() {
         core.rest(0.5);
         core.velocity_x = 30.0;
         for lost in [0.6, 1.6] {
-            // So long one side is held.
+            // One side is blocked for this time.
             core.velocity_x = 30.0;
             server.lock().beam().expect("a beam").hold(0, true);
             let [_, from] = sides(server);
@@ -293,8 +293,8 @@ fn steps_that_a_blocked_side_has_lost_are_found_by_homing() {
     });
 }
 
-/// The drive of the second motor has a fault somewhere on the way; afterwards the beam is homed as if nothing
-/// had been.
+/// The drive of the second motor has a fault during homing; afterwards the beam is homed as if nothing had
+/// happened.
 #[test]
 fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
     let mut random = Random::seeded(74);
@@ -334,8 +334,7 @@ fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
     }
 }
 
-/// The board restarts, or power is switched off, somewhere on the way: nothing of it is left in the next
-/// homing.
+/// The board restarts, or power is switched off, during homing: the next homing is not affected.
 #[test]
 fn homing_that_is_interrupted_begins_again() {
     let mut random = Random::seeded(75);

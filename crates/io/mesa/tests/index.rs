@@ -9,9 +9,9 @@ use evolvent_random::Random;
 use crate::common::core::with_bridge_to;
 use crate::common::{machine, router};
 
-/// Counts a turn of each encoder.
+/// Counts per turn of each encoder.
 const TURN: i64 = 4000;
-/// Counts a mm; Y turns against its axis.
+/// Counts per mm; Y turns against its axis.
 const COUNTS: [f64; 3] = [1000.0, -1000.0, 1000.0];
 /// The count of the index within a turn.
 const INDEX: [i64; 3] = [1300, 2750, 10];
@@ -43,7 +43,7 @@ struct Latch<'a> {
 }
 
 impl Latch<'_> {
-    /// The machine coordinate of the pulse that an axis at rest meets first in a direction: its edge, in
+    /// The machine coordinate of the first pulse that an axis at rest meets in a direction: its edge, in
     /// whole counts.
     fn next(&mut self, axis: usize, direction: f64) -> f64 {
         let feedback = self.core.until("feedback", |_| true);
@@ -64,7 +64,7 @@ impl Latch<'_> {
         feedback.position[axis] + (count - here) as f64 / COUNTS[axis]
     }
 
-    /// Whether the pulse that was latched for the newest request is where it truly is.
+    /// Asserts that the position latched for the newest request is that of the pulse.
     fn check(&mut self, axis: usize, expected: f64) {
         let counts = (self.core.latched_index() - expected) * COUNTS[axis];
         println!("axis {axis}: {counts:.2} counts off");
@@ -88,8 +88,8 @@ fn with_latch(starts: [f64; 3], test: impl Fn(&mut Latch<'_>)) {
     });
 }
 
-/// From random places, in both directions, at two speeds, also for an inverted axis and for a pulse that is
-/// low.
+/// From random positions, in both directions, at two speeds, also for an inverted axis and for a pulse that
+/// is low.
 #[test]
 fn the_latched_position_is_the_place_of_the_pulse() {
     let mut random = Random::new();
@@ -126,7 +126,7 @@ fn requests_follow_each_other() {
         assert!((second - first - 4.0).abs() < 0.005, "a turn further");
         latch.core.travel(0, 4.0, 20.0);
         latch.check(0, second);
-        // X is open when Y is asked for: only that of Y counts.
+        // X is pending when Y is requested: only that of Y counts.
         latch.core.request_index(0);
         latch.core.request_index(1);
         let of_y = latch.next(1, -1.0);
@@ -155,8 +155,8 @@ fn requests_follow_each_other() {
     });
 }
 
-/// Packets that are lost in either direction around the arming and around the pulse neither lose it nor take
-/// the one after it.
+/// Packets lost in either direction around the arming and the pulse neither lose the pulse nor latch the one
+/// after it.
 #[test]
 fn lost_packets_lose_no_pulse() {
     with_latch([0.0; 3], |latch| {
@@ -168,7 +168,7 @@ fn lost_packets_lose_no_pulse() {
                 let mut lost = 0;
                 let around_pulse = expected - random.between(0.02, 0.15);
                 for i in 0..220 {
-                    // The arming comes due a lead after it is sent: 50 periods.
+                    // The arming is due a lead after it was sent: 50 periods.
                     if i > 60 {
                         latch.core.velocity_x = 10.0;
                     }

@@ -1,4 +1,4 @@
-//! What the bridge drives and reads: never a pin that is an input, and no pin twice.
+//! Pins that the bridge drives and reads: it never drives an input, and no pin twice.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -10,15 +10,15 @@ use evolvent_mesa_board::BoardModel;
 
 use crate::common::{machine, serve};
 
-/// The shipped router with one edit, and further text.
+/// The shipped router with one edit and additional text.
 fn router_text(from: &str, to: &str, more: &str) -> String {
     let text = shipped("boards/7i96s-router.toml");
     assert!(text.contains(from), "{from}");
     text.replacen(from, to, 1) + more
 }
 
-/// What the bridge says of a board file until it gives up on it or sets the board up, and which pins of the
-/// board are driven.
+/// Messages of the bridge about a board file until it rejects it or sets the board up, and the driven pins of
+/// the board.
 fn said_and_driven(text: &str, name: &str) -> (String, Vec<usize>) {
     let (server, address) = serve(BoardModel::B7i96s);
     let mut board = BoardSettings::parse(text, "b.toml").expect("a board file");

@@ -1,5 +1,5 @@
-//! The cycle's own work for 4 axes, one of them a gantry, beside a bare loop on the same sockets, and its
-//! allocations: none once it runs.
+//! The cycle's own work for 4 axes, one of them a gantry, compared with a bare loop on the same sockets, and
+//! its allocations: none once it runs.
 //!
 //! An executable of its own, because its allocator counts.
 
@@ -23,10 +23,10 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 const PERIOD_NS: u64 = 1_000_000;
 const LEAD: u64 = 50;
-/// A bridge waits for so long before its next session, which allocates at its beginning. A session ends where
-/// the host keeps this process from running for so long that the position of an encoder is unknown.
+/// Time that a bridge waits before its next session, which allocates at its beginning. A session ends if the
+/// host keeps this process from running until the position of an encoder is unknown.
 const BETWEEN_SESSIONS: Duration = Duration::from_millis(500);
-/// How long is measured, s.
+/// Duration of the measurement, s.
 const SECONDS: u64 = 5;
 
 fn files(address: IpAddr) -> (Machine, BoardSettings) {
@@ -35,7 +35,7 @@ fn files(address: IpAddr) -> (Machine, BoardSettings) {
              max_acceleration_m_s2 = 1.5\nmax_jerk_m_s3 = 40\n\n";
     let machine = machine.replacen("[[input]]", &format!("{u}[[input]]"), 1);
     let board = evolvent_file_tests::shipped("boards/7i96s-router.toml");
-    // An analog servo, whose index is asked for.
+    // An analog servo, whose index is requested.
     let u = "[[axis]]\nletter = \"U\"\nencoder = 0\ncounts_per_unit = 4000\npwm = 0\nfull_velocity = 200\n\
              p_gain = 40\n\n";
     let second = "[[axis]]\nletter = \"X\"\nstepgen = 4\nsteps_per_unit = 320\nstep_length_ns = 2500\n\
@@ -47,7 +47,7 @@ fn files(address: IpAddr) -> (Machine, BoardSettings) {
         .split_once("[spindle]")
         .expect("a spindle at the end of the file");
     let mut board = BoardSettings::parse(board, "board.toml").expect("a board file");
-    // A host that is busy may keep the bridge from running for longer than a machine would let it.
+    // A busy host may keep the bridge from running for longer than a machine would permit.
     (board.address, board.max_lost_packets, board.watchdog_s) = (address, 50, 1.0);
     (
         Machine::parse(&machine, "machine.toml").expect("a machine"),
@@ -71,8 +71,8 @@ fn say(what: &str, times_ns: &mut [u64]) {
     );
 }
 
-/// The same packets without a bridge, at the bridge's priority: one reading that is waited for, and one
-/// write.
+/// Exchanges the same packets without a bridge, at the bridge's priority: one read with a wait for its reply,
+/// and one write.
 fn bare_loop(address: IpAddr) -> Vec<u64> {
     let parameters = libc::sched_param { sched_priority: 78 };
     // SAFETY: the parameters live through the call; 0 is the calling thread.
@@ -159,7 +159,7 @@ fn a_cycle_allocates_nothing_and_its_work_is_told() {
     };
     let mut pulses = 0;
     let (mut next_ns, mut enabled, begin) = (monotonic_ns(), 0_u64, Instant::now());
-    // Back and forth from the moment on at which all four are in operation.
+    // To and fro once all four are in operation.
     while enabled < SECONDS * 1_000_000_000 / PERIOD_NS {
         assert!(
             begin.elapsed() < Duration::from_secs(60),

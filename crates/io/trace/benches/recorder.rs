@@ -1,8 +1,7 @@
-//! How fast cycles are recorded, and how many bytes each takes:
-//! `cargo bench -p evolvent-trace --bench recorder`.
+//! Speed of recording, and bytes per cycle: `cargo bench -p evolvent-trace --bench recorder`.
 //!
-//! The run is a tool that goes round a circle under jerk-like changing accelerations: full mantissas in every
-//! number, as in a real trace, which is the hard case for the compressor.
+//! The tool moves along a circle with changing accelerations: full mantissas in every number, as in a real
+//! trace, which is the hard case for the compressor.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports")]
 
@@ -18,7 +17,7 @@ use evolvent_trace::{CycleRecord, ReadError, Recorder, RunInfo, TraceFile, Trace
 const BATCH: usize = 100_000;
 const PERIOD_NS: u64 = 28_571;
 
-/// Counts bytes and forgets them: what is measured is the recorder, not the disk.
+/// Counts and discards bytes, to measure the recorder and not the disk.
 #[derive(Debug, Default)]
 struct Void;
 
@@ -105,7 +104,7 @@ fn reference(axes: usize, cycles: &[CycleRecord]) -> mcap::McapResult<u64> {
         .chunk_size(Some(512 * 1024))
         .create(std::io::Cursor::new(Vec::with_capacity(64 << 20)))?;
     let channel_id = writer.add_channel(0, "/cycle", "protobuf", &Default::default())?;
-    // About what a cycle takes, with the numbers in it; encoding costs nothing here.
+    // About the size of a cycle, with its numbers; encoding costs nothing here.
     let mut data = vec![0_u8; 70 + axes * 32];
     for cycle in cycles {
         let values = [cycle.position, cycle.velocity, cycle.acceleration, cycle.jerk];

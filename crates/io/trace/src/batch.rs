@@ -1,7 +1,7 @@
 //! Many cycles in one message, column by column: channel `/cycles`.
 //!
 //! One message per cycle with plain numbers is readable for every reader, but large. If size matters,
-//! `/cycles` has all cycles, to the last bit, in a quarter of the size, and `/cycle` has only every n-th
+//! `/cycles` has all cycles, to the last bit, in about a tenth of the size, and `/cycle` has only every n-th
 //! cycle, for viewers. Only jerk is rounded, to a single: it is not published, steps at every knot of the
 //! plan, and took half of the size.
 

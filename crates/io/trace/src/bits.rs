@@ -1,9 +1,9 @@
 //! Numbers as bits: an adaptive Rice code.
 //!
-//! A number that is small as a rule and large now and then takes few bits as a rule (R. F. Rice, "Some
-//! practical universal noiseless coding techniques", JPL 79-22, 1979): its upper part in unary, its lower `k`
-//! bits as they are. `k` follows the mean of the numbers before, which both sides know. A number far above
-//! the mean goes out whole.
+//! Numbers that are usually small and occasionally large take few bits on average (R. F. Rice, "Some
+//! practical universal noiseless coding techniques", JPL 79-22, 1979): the upper part is in unary, the lower
+//! `k` bits are unchanged. `k` follows the mean of the previous numbers, which both sides know. A number far
+//! above the mean is written whole.
 
 /// An upper part from here on is written as that many ones, a length of six bits and the number itself.
 const ESCAPE: u32 = 20;
@@ -18,7 +18,7 @@ struct Mean {
 impl Mean {
     /// `k`, at most 48.
     fn low_bits(self) -> u32 {
-        // 0.69 of the mean is where the next `k` begins to pay for numbers that fall off geometrically.
+        // The next `k` gives shorter codes from 0.69 of the mean on, for geometrically distributed numbers.
         (64 - (self.sum.saturating_mul(11) >> 8).leading_zeros()).min(48)
     }
 
@@ -144,12 +144,12 @@ impl<'a> BitReader<'a> {
     }
 }
 
-/// 0, -1, 1, -2 ... as 0, 1, 2, 3 ...: what is near zero is small.
+/// Maps 0, -1, 1, -2 ... to 0, 1, 2, 3 ..., so that numbers near zero are small.
 pub(crate) const fn folded(value: i64) -> u64 {
     (value << 1 ^ value >> 63).cast_unsigned()
 }
 
-/// The number that was folded.
+/// The inverse of [`folded`].
 pub(crate) const fn unfolded(value: u64) -> i64 {
     (value >> 1).cast_signed() ^ -(value & 1).cast_signed()
 }

@@ -14,7 +14,7 @@ fn checksum(map: &BTreeMap<String, String>) -> String {
         name: String::new(),
         metadata: map.clone(),
     });
-    // Without the name's length: the map as the format has it.
+    // Without the length of the name: the map as in the format.
     format!("{:08x}", crc32fast::hash(&bytes[4..]))
 }
 

@@ -7,17 +7,17 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 pub(crate) const RECORD_HEAD: usize = 9;
 /// A chunk that claims to be larger than this is damaged: the recorder's are a thousandth of it.
 pub(crate) const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
-/// The content of a chunk record but for the compression's name and the data.
+/// Size of a chunk record's content without the compression's name and the data.
 const CHUNK_HEADER_BYTES: u64 = 8 + 8 + 8 + 4 + 4 + 8;
 
 /// A chunk does not match its checksum, or its content is not a sequence of records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Damaged;
 
-/// Goes through a chunk.
+/// Iterates over the records of a chunk.
 pub(crate) struct ChunkRecords {
     reader: LinearReader,
-    /// Bytes before compression that are not read yet.
+    /// Bytes before compression not read yet.
     left: u64,
 }
 
@@ -30,7 +30,7 @@ impl std::fmt::Debug for ChunkRecords {
 }
 
 impl ChunkRecords {
-    /// Of a whole chunk record, opcode and length included.
+    /// Takes a whole chunk record, opcode and length included.
     ///
     /// # Errors
     /// It is not a chunk record.
@@ -64,7 +64,7 @@ impl ChunkRecords {
     /// The next record: opcode and content. `None` at the end.
     ///
     /// # Errors
-    /// The chunk is damaged. All errors but those of a chunk that was written damaged come first.
+    /// The chunk is damaged. Unless it was written damaged, the error precedes all records.
     pub(crate) fn next(&mut self) -> Result<Option<(u8, &[u8])>, Damaged> {
         match self.reader.next_event() {
             Some(Ok(LinearReadEvent::Record { opcode, data })) => {
@@ -85,7 +85,7 @@ impl ChunkRecords {
     }
 }
 
-/// Opcode and content of the first record, and what follows it.
+/// Opcode and content of the first record, and the remaining bytes.
 pub(crate) fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (&[opcode, ref length @ ..], rest) = bytes.split_first_chunk::<RECORD_HEAD>()?;
     let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
@@ -172,7 +172,7 @@ mod tests {
         assert!(ChunkRecords::new(&good[..good.len() - 1]).is_err());
     }
 
-    /// The crate panics at the first of them.
+    /// The `mcap` crate panics at the first of them.
     #[test]
     fn attachments_that_end_within_their_checksum_are_damage() {
         for length in 0..40 {

@@ -1,9 +1,9 @@
 //! One quantity over many cycles: predicted from the previous values, with the residual in few bits.
 //!
-//! The next value of a motion is almost known: a position continues as velocity, acceleration and jerk say.
-//! The residual of the prediction is a few units in the last place, for any magnitude, and only the residual
-//! is written. Nothing is rounded here: the reader repeats the prediction, from the same bits with the same
-//! IEEE 754 operations in the same order, and adds the residual, as integers.
+//! The next value of a motion is almost known: a position follows from velocity, acceleration and jerk. The
+//! residual of the prediction is a few units in the last place, for any magnitude, and only the residual is
+//! written. Nothing is rounded here: the reader repeats the prediction, from the same bits with the same IEEE
+//! 754 operations in the same order, and adds the residual, as integers.
 //!
 //! Predictions: the polynomial through the last `n` values (orders 0 to 5), or the integral of the
 //! derivatives, which have their own columns, read before, by the Euler-Maclaurin formula.
@@ -34,7 +34,7 @@ pub(crate) struct Derivatives<'a> {
     pub(crate) step_s: f64,
 }
 
-/// A column as it is written.
+/// A packed column.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Packed {
     pub(crate) predictor: u32,
@@ -43,7 +43,7 @@ pub(crate) struct Packed {
     pub(crate) rests: Vec<u8>,
 }
 
-/// The same, borrowed.
+/// A borrowed [`Packed`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PackedRef<'a> {
     pub(crate) predictor: u32,
@@ -68,7 +68,7 @@ fn ordered(bits: u64) -> i64 {
     bits ^ ((bits >> 63) as u64 >> 1) as i64
 }
 
-/// The same of a single.
+/// Singles as integers in the order of their values.
 fn ordered_single(bits: u32) -> i32 {
     let bits = bits as i32;
     bits ^ ((bits >> 31) as u32 >> 1) as i32
@@ -120,7 +120,7 @@ fn predicted(kind: Kind, predictor: u32, past: &[u64], derivatives: Option<&Deri
                 Some(derivatives) if predictor == BY_DERIVATIVES => integral(past, derivatives),
                 _ => polynomial(past, predictor),
             };
-            // A value that is not a number has no bits that two computers agree on.
+            // The bits of a NaN may differ between computers.
             let bits = if value.is_finite() {
                 value.to_bits()
             } else {

@@ -25,8 +25,8 @@ pub(crate) const CHUNK_BYTES: usize = 512 * 1024;
 const ZSTD_LEVEL: u32 = 1;
 /// Opcode, length and header of a message.
 const MESSAGE_OVERHEAD_BYTES: usize = 9 + 22;
-/// A writer of the crate is replaced after this many chunks, a minute's at four per second: until then it
-/// keeps an index of each, some 350 bytes.
+/// A writer of the crate is replaced after this many chunks, about a minute at four per second: it keeps an
+/// index of each, about 350 bytes.
 const SECTION_CHUNKS: u32 = 256;
 /// Attachments are copied in pieces of this size.
 const PIECE_BYTES: usize = 256 * 1024;
@@ -41,7 +41,7 @@ struct Encoded {
     discards: bool,
 }
 
-/// Where the crate's writers write to. They own their stream, so it is shared.
+/// The destination of the crate's writers. They own their stream, so it is shared.
 #[derive(Clone, Debug, Default)]
 struct Memory(Arc<Mutex<Encoded>>);
 
@@ -112,7 +112,7 @@ pub(crate) struct Container {
     summary: Summary,
     /// An error of the crate that the next close of a chunk reports.
     deferred: Option<io::Error>,
-    /// From here on the capacity reserved for the end may be used.
+    /// Whether the capacity reserved for the end may be used.
     ending: bool,
 }
 
@@ -125,7 +125,7 @@ impl std::fmt::Debug for Container {
 }
 
 impl Container {
-    /// Writes magic and header. What the summary needs of chunks and attachments is stored in `folder`
+    /// Writes magic and header. The summary's data about chunks and attachments are stored in `folder`
     /// meanwhile, or in memory if there is none.
     ///
     /// # Errors
@@ -143,7 +143,7 @@ impl Container {
             .compression_level(ZSTD_LEVEL)
             .compression_threads(0)
             .chunk_size(None)
-            // A chunk reaches the stream whole.
+            // Chunks are written as a whole.
             .disable_seeking(true)
             // The crate would compute that of one section; this type computes that of the file.
             .calculate_data_section_crc(false);
@@ -417,7 +417,7 @@ impl Container {
         indexes
     }
 
-    /// Makes what is written survive a loss of power, soon.
+    /// Starts to make the written data survive a loss of power.
     ///
     /// # Errors
     /// Those of the sink.
@@ -448,7 +448,7 @@ impl Container {
     pub(crate) fn finish(&mut self) -> io::Result<()> {
         self.close_chunk()?;
         self.end_section()?;
-        // This is what the capacity was reserved for.
+        // The capacity was reserved for this.
         self.ending = true;
         let (sink, mut length) = (&mut self.sink, 0);
         let data_crc = self.checksum_at_position.clone().finalize();

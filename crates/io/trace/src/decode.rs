@@ -32,7 +32,7 @@ pub(crate) enum Undecoded {
 /// The channels and axes of a trace.
 #[derive(Clone, Debug)]
 pub(crate) struct Decoder {
-    /// The axes that cycles carry, in their order. `None` where what was run is lost.
+    /// The axes in the cycles, in order. `None` if the description of the run is lost.
     pub(crate) axes: Option<Vec<usize>>,
     pub(crate) topics: BTreeMap<u16, String>,
     /// Whether the cycles are in batches, and `/cycle` is for viewers only.
@@ -84,7 +84,7 @@ impl Decoder {
     }
 }
 
-/// A cycle from its message; `axes` are the indices of the axes that it carries. `None` if it carries others.
+/// A cycle from its message; `axes` are the indices of its axes. `None` if it has others.
 pub(crate) fn cycle(message: &evolvent::Cycle, axes: &[usize]) -> Option<CycleRecord> {
     let spread = |values: &[f64]| {
         let mut nine = [0.0; 9];
@@ -140,7 +140,7 @@ fn event(message: evolvent::Event) -> Option<EventRecord> {
 
 fn event_kind(number: i32) -> Option<EventKind> {
     let known = EventKind::ALL.into_iter().find(|kind| *kind as i32 == number);
-    // Numbers are assigned in order: one above all is of a later version.
+    // Numbers are assigned in order: a number above all known ones is of a later version.
     known.or((number > EventKind::ALL.len() as i32).then_some(EventKind::Later))
 }
 

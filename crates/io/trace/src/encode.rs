@@ -1,8 +1,8 @@
-//! `/cycle` as protobuf, written by hand: this message goes out once a cycle, and straight into the chunk.
+//! `/cycle` as protobuf, encoded by hand: this message is written every cycle, directly into the chunk.
 //!
 //! The wire format (<https://protobuf.dev/programming-guides/encoding/>): a tag, field number × 8 + wire
-//! type, then a varint (0), eight bytes (1) or a length and bytes (2). A plain field that is zero is left
-//! out. The test holds it against `prost`, field by field.
+//! type, then a varint (0), eight bytes (1) or a length and bytes (2). A plain field that is zero is omitted.
+//! The test compares it with `prost`, field by field.
 
 use prost::encoding::encode_varint;
 
@@ -77,7 +77,7 @@ pub(crate) fn put_cycle(out: &mut Vec<u8>, record: &CycleRecord, axes: &[u8]) {
     put_known_axes(out, 19, &record.drive_position, axes);
 }
 
-/// A list that is left out where it is not a number on every axis; `field` needs a tag of two bytes.
+/// Appends a list, which is omitted if it is NaN on every axis; `field` needs a tag of two bytes.
 fn put_known_axes(out: &mut Vec<u8>, field: u32, values: &[f64], axes: &[u8]) {
     if axes.iter().all(|&axis| values[usize::from(axis)].is_nan()) {
         return;
@@ -96,7 +96,7 @@ mod tests {
     use super::*;
     use crate::schema::{evolvent, timestamp};
 
-    /// What `prost` makes of the same record.
+    /// The encoding of the same record by `prost`.
     fn by_prost(record: &CycleRecord, axes: &[u8]) -> Vec<u8> {
         let pick = |values: &[f64; 9]| {
             axes.iter()
@@ -142,7 +142,7 @@ mod tests {
         let mut generator = evolvent_random::Random::from_state(seed);
         let mut random = move || generator.bits();
         for round in 0..20_000 {
-            // Shifts give numbers of every length, and now and then zero.
+            // Shifts give numbers of every length, and sometimes zero.
             let mut number = || {
                 if random() % 8 == 0 {
                     0

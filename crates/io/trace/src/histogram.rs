@@ -95,7 +95,7 @@ impl Histogram {
         self.sum_ns += other.sum_ns;
     }
 
-    /// Forgets everything.
+    /// Removes all counts.
     pub fn clear(&mut self) {
         self.counts.fill(0);
         self.total = 0;

@@ -31,12 +31,12 @@
 //! is written twice, so the file is valid up to its last complete chunk at every moment, whatever happens to
 //! the program or the power. Until its end it is `NAME.mcap.part`; then it gets an index, and its name.
 //!
-//! - [`Recorder`] writes: `/cycle`, a message a cycle; or `/cycles`, every cycle in columns, a tenth of the
-//!   size, with `/cycle` at most 2000 times a second for viewers; `/event`, `/block`, `/timing`, the tool's
-//!   pose and path.
-//! - [`RunInfo`] makes a trace complete: the program, the machine file, period, versions.
-//! - [`TraceFile`] reads: what a file holds, in the same time for any size, and its messages in order.
-//! - [`recover`] makes a complete file of a torn or damaged one and says what was lost; [`recover_leftovers`]
+//! - [`Recorder`] writes: `/cycle`, one message per cycle; or `/cycles`, every cycle in columns, a tenth of
+//!   the size, with `/cycle` at most 2000 times per second for viewers; `/event`, `/block`, `/timing`, the
+//!   tool's pose and path.
+//! - [`RunInfo`] describes the run: the program, the machine file, period, versions.
+//! - [`TraceFile`] reads the contents of a file, in the same time for any size, and its messages in order.
+//! - [`recover`] makes a complete file of a torn or damaged one and reports the losses; [`recover_leftovers`]
 //!   does so for all part files in a folder, at start-up.
 //!
 //! The `mcap` crate encodes and decodes the records of the container; its fields are described in
@@ -46,14 +46,14 @@
 //!
 //! - At most the messages since the last [`Recorder::flush`] are lost. A full disk leaves a readable, indexed
 //!   file.
-//! - Every checksum is verified before a message is given: damage is an error with path and offset, never a
-//!   wrong figure.
+//! - Every checksum is verified before a message is returned: damage is an error with path and offset, never
+//!   a wrong value.
 //! - A recorder's memory does not grow with its trace.
-//! - Nothing here may be called from the real-time cycle. [`CycleRecord`] is made to be handed over by it,
-//!   and [`Histogram`] counts without allocation.
+//! - Nothing in this crate may be called from the real-time cycle, except [`Histogram`], which counts without
+//!   allocation. The cycle passes [`CycleRecord`]s by value.
 //!
-//! Lengths are in mm, times in the unit that the name bears; times of the clock are Unix time in ns, times of
-//! the path where the clock is virtual. Why it is so: `docs/adr/0017-cycles-in-columns.md`,
+//! Lengths are in mm, times in the unit of their name. Times of the clock are Unix time in ns, or times of
+//! the path if the clock is virtual. The reasons are in `docs/adr/0017-cycles-in-columns.md`,
 //! `docs/adr/0026-mcap-crate.md`.
 
 mod batch;

@@ -22,18 +22,18 @@ pub struct Messages<'a> {
     only: Option<u16>,
     /// Chunks outside need not be read.
     span_ns: (u64, u64),
-    /// By how much the cycles of a batch extend beyond the time of its message.
+    /// Maximum time by which the cycles of a batch extend beyond the time of its message.
     longest_ns: u64,
     /// The open chunk and its offset in the file, for errors.
     chunk: Option<ChunkRecords>,
     offset: u64,
-    /// Cycles unpacked of a batch.
+    /// Unpacked cycles of a batch.
     ready: VecDeque<CycleRecord>,
     failed: bool,
 }
 
 impl<'a> Messages<'a> {
-    /// Of all channels, or of one only.
+    /// Iterates over the messages of all channels, or of one.
     pub(crate) fn new(
         source: &'a mut Source,
         chunks: &'a [ChunkIndex],
@@ -55,7 +55,7 @@ impl<'a> Messages<'a> {
         }
     }
 
-    /// Only chunks that may hold cycles from the first time to the last.
+    /// Restricts the iteration to chunks that may contain cycles from the first time to the last.
     pub(crate) fn between(mut self, first_ns: u64, last_ns: u64) -> Self {
         self.span_ns = (first_ns, last_ns);
         self
@@ -68,7 +68,7 @@ impl<'a> Messages<'a> {
             && index.message_end_time.saturating_add(self.longest_ns) >= self.span_ns.0
     }
 
-    /// Opens the next chunk that matters; `false` at the end.
+    /// Opens the next relevant chunk. Returns `false` at the end.
     fn open_chunk(&mut self) -> Result<bool, ReadError> {
         let index = loop {
             match self.chunks.next() {
@@ -93,7 +93,7 @@ impl<'a> Messages<'a> {
             .damaged(self.offset, "a chunk does not match its checksum")
     }
 
-    /// The next message of the channels wanted; `None` at the end.
+    /// Returns the next message of the requested channels, or `None` at the end.
     fn decode_next(&mut self) -> Result<Option<Decoded>, ReadError> {
         loop {
             let Some(chunk) = &mut self.chunk else {
@@ -125,7 +125,7 @@ impl<'a> Messages<'a> {
         }
     }
 
-    /// The cycles of the next message that has any; `false` at the end.
+    /// Adds the cycles of the next message that has any. Returns `false` at the end.
     pub(crate) fn next_cycles(&mut self, cycles: &mut Vec<CycleRecord>) -> Result<bool, ReadError> {
         cycles.clear();
         while let Some(decoded) = self.decode_next()? {

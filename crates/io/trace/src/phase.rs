@@ -1,22 +1,22 @@
-//! The core's phase lock: what it did in one cycle, and over many.
+//! The core's phase lock: records of one cycle, and totals.
 
 use crate::histogram::Histogram;
 use crate::schema::evolvent;
 
-/// The phase lock in a cycle with which a phase error has come.
+/// The phase lock in a cycle with a new phase error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PhaseRecord {
     /// The drives' time minus the due time of the setpoint, ns: positive if the drives run late.
     pub error_ns: i64,
-    /// By how much this computer's clock is faster than the drives', as found so far, millionths.
+    /// Excess of this computer's clock rate over the drives', as known so far, ppm.
     pub drift_ppm: f64,
-    /// By how much the period is longer than the nominal one, millionths.
+    /// Excess of the period over the nominal one, ppm.
     pub correction_ppm: f64,
-    /// The lock has had time to find drift and phase.
+    /// Whether the lock has had time to determine drift and phase.
     pub is_settled: bool,
 }
 
-/// The phase lock over many cycles. Recording allocates nothing.
+/// Totals of the phase lock over many cycles. Recording allocates nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PhaseTally {
     magnitudes: Histogram,
@@ -59,12 +59,12 @@ impl Spread {
     }
 }
 
-/// What the phase lock has come to, for summaries.
+/// Results of the phase lock, for summaries.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct PhaseFigures {
     /// Number of phase errors.
     pub errors: u64,
-    /// By how much this computer's clock is faster than the drives', ppm: the mean.
+    /// Mean excess of this computer's clock rate over the drives', ppm.
     pub drift_ppm: f64,
     /// Minimum of the drift, ppm.
     pub drift_min_ppm: f64,
@@ -94,7 +94,7 @@ impl PhaseTally {
         self.correction.record(record.correction_ppm);
     }
 
-    /// Adds all cycles of another.
+    /// Adds all cycles of another tally.
     pub fn add(&mut self, other: &Self) {
         self.magnitudes.add(&other.magnitudes);
         self.settled += other.settled;
@@ -104,7 +104,7 @@ impl PhaseTally {
         self.correction.add(&other.correction);
     }
 
-    /// Forgets everything.
+    /// Removes all counts.
     pub fn clear(&mut self) {
         self.magnitudes.clear();
         self.settled = 0;
@@ -112,7 +112,7 @@ impl PhaseTally {
         (self.drift, self.correction) = (Spread::default(), Spread::default());
     }
 
-    /// The figures; none without a phase error.
+    /// The results; `None` without a phase error.
     #[must_use]
     pub fn figures(&self) -> Option<PhaseFigures> {
         let errors = self.magnitudes.count();

@@ -26,7 +26,7 @@ pub(crate) const FOOTER_LENGTH: usize = RECORD_HEAD + 8 + 8 + 4;
 /// The largest summary that is read; a trace of a week at 1 kHz has 0.5 GB.
 const MAX_SUMMARY_BYTES: u64 = 1 << 30;
 
-/// A message, as its channel has it.
+/// A message, by its channel.
 #[derive(Clone, Debug, PartialEq)]
 #[expect(
     clippy::large_enum_variant,
@@ -39,7 +39,7 @@ pub enum TraceMessage {
     Event(EventRecord),
     /// From `/block`.
     Block(BlockRecord),
-    /// From any other channel, as it was written.
+    /// From any other channel, unchanged.
     Other {
         /// The channel's topic.
         topic: String,
@@ -93,7 +93,7 @@ pub(crate) struct Source {
     pub(crate) length: u64,
 }
 
-/// Opens a file without waiting, as the open of a pipe would for a writer.
+/// Opens a file without waiting: a normal open of a pipe would wait for a writer.
 pub(crate) fn open_file(path: &Path) -> io::Result<File> {
     if std::fs::metadata(path)?.is_dir() {
         return Err(io::ErrorKind::IsADirectory.into());
@@ -448,7 +448,7 @@ pub(crate) fn attachment_data(record: &[u8]) -> Option<&[u8]> {
     (size == data.len() as u64).then_some(data)
 }
 
-/// Header, size of the data and what follows, of an attachment record's content.
+/// Header, size of the data, and remaining bytes of an attachment record's content.
 pub(crate) fn attachment_head(content: &[u8]) -> Option<(AttachmentHeader, u64, &[u8])> {
     let mut fields = Cursor::new(content);
     let header = fields.read_le().ok()?;

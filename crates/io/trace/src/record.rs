@@ -4,8 +4,8 @@ use evolvent_path::AXES;
 
 /// One control cycle, channel `/cycle`.
 ///
-/// `Copy` and without pointers, so that the cycle hands it over a queue by value. The arrays hold all nine
-/// axes, XYZ ABC UVW; the recorder writes those that the machine has, in the order of the machine file.
+/// `Copy` and without pointers, so that the cycle passes it through a queue by value. The arrays hold all
+/// nine axes, XYZ ABC UVW; the recorder writes those that the machine has, in the order of the machine file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CycleRecord {
     /// Index of the cycle in the run, from 0.
@@ -57,7 +57,7 @@ pub mod inputs {
     pub const RESUME: u32 = 4;
     /// The planner had not finished what the cycle needed: it stood still, or took the tail.
     pub const WAITED: u32 = 8;
-    /// The planner had no answer to another override, or none in time, or one that was discarded.
+    /// The planner had no reply to another override, or none in time, or one that was discarded.
     pub const REFUSED: u32 = 16;
     /// A new reading of the cutting load had arrived: [`load`](super::CycleRecord::load).
     pub const LOAD: u32 = 32;
@@ -70,11 +70,11 @@ pub mod inputs {
     /// Served machine: at rest, the axes received other coordinates, or were moved without power.
     pub const RELOCATED: u32 = 512;
     /// Served machine: with [`FOLLOWS`] and [`STEERS`], which together mean an excursion from a held program,
-    /// its motion was told to stop.
+    /// its motion was commanded to stop.
     pub const STEERING_STOPS: u32 = 1024;
-    /// Run: the program had ended, and the run went on at rest for a spindle that slowed down.
+    /// Run: the program had ended, and the run continued at rest while a spindle slowed down.
     pub const RUNS_ON: u32 = 2048;
-    /// With [`WAITED`], bits 16 to 23 are the number, within the cycle, of the look at the plan that found
+    /// With [`WAITED`], bits 16 to 23 are the number, within the cycle, of the access to the plan that found
     /// nothing; from 0.
     pub const FAILED_LOOK_SHIFT: u32 = 16;
 }
@@ -138,7 +138,7 @@ pub enum EventKind {
     /// The planner of a job continued to read with other switches, ahead of the machine; the code is the
     /// job's number, the text the command from which they apply, and their states.
     Switched = 14,
-    /// An input changed; the code is its number, plus 64 for an analog one, the value is its value, none
+    /// An input changed; the code is its number, plus 64 for an analog one, the value is its value, `None`
     /// while it is unknown.
     Input = 15,
     /// An output changed; the same.
@@ -176,11 +176,11 @@ pub struct EventRecord {
     pub time_ns: u64,
     /// The cycle in which it took effect.
     pub sequence: u64,
-    /// What it is about.
+    /// Kind of the event.
     pub kind: EventKind,
     /// Stable number, see the kind; 0 if none.
     pub code: u32,
-    /// For the operator.
+    /// Text for the operator.
     pub text: String,
     /// The value (an override factor, a count), so that a run can be recomputed.
     pub value: Option<f64>,
@@ -247,19 +247,19 @@ pub struct TimingRecord {
     pub time_ns: u64,
     /// The first of the cycles.
     pub start_sequence: u64,
-    /// How many cycles.
+    /// Number of cycles.
     pub cycles: u64,
-    /// How many of them left after they were due (flag "late").
+    /// Number of those published after their due time (flag "late").
     pub late_cycles: u64,
-    /// How late they woke up.
+    /// Lateness of the wake-ups.
     pub lateness: crate::Histogram,
-    /// How long their work took.
+    /// Duration of their work.
     pub work: crate::Histogram,
-    /// How they followed the drives' clock.
+    /// Phase lock to the drives' clock.
     pub phase: crate::PhaseTally,
 }
 
-/// How grave a log line is. The numbers are those of the public schema.
+/// Severity of a log line. The numbers are those of the public schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum LogLevel {
@@ -267,10 +267,10 @@ pub enum LogLevel {
     Debug = 1,
     /// For information.
     Info = 2,
-    /// Something to look at.
+    /// Something to check.
     Warning = 3,
     /// Something failed.
     Error = 4,
-    /// The run cannot go on.
+    /// The run cannot continue.
     Fatal = 5,
 }

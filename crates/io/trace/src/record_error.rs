@@ -1,4 +1,4 @@
-//! Why recording fails, and what is left then.
+//! Errors of recording, and the state of the file after them.
 
 use std::io;
 use std::path::PathBuf;
@@ -23,7 +23,7 @@ impl std::fmt::Display for Remains {
     }
 }
 
-/// Why recording failed. Cheap to clone: a failed recorder gives the same error again and again.
+/// Why recording failed. Cheap to clone: a failed recorder returns the same error from every call.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum RecordError {
     /// The run's description cannot be recorded.
@@ -41,7 +41,7 @@ pub enum RecordError {
         /// The part file.
         part: PathBuf,
     },
-    /// The name is that of a folder.
+    /// The name belongs to a folder.
     #[error("{} is a folder, and a trace is one file: name it, as in \
      {}", .path.display(), .path.join("session.mcap").display())]
     Folder {
@@ -76,7 +76,7 @@ pub enum RecordError {
         bytes: u64,
         /// Whether the file is readable.
         remains: Remains,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: Arc<io::Error>,
     },
     /// Writing failed for another reason.
@@ -88,7 +88,7 @@ pub enum RecordError {
         bytes: u64,
         /// Whether the file is readable.
         remains: Remains,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: Arc<io::Error>,
     },
     /// The finished file could not get its name.
@@ -110,7 +110,7 @@ fn is_full(error: &io::Error) -> bool {
     )
 }
 
-/// A failed write, by whether a full disk is the reason.
+/// The error of a failed write: a full disk, or another reason.
 pub(crate) fn write_error(
     path: PathBuf,
     bytes: u64,

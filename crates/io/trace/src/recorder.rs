@@ -21,15 +21,15 @@ use crate::schema::{self, Channel, evolvent, foxglove, timestamp};
 use crate::sink::{FileSink, TraceSink};
 use crate::statistics::{RunStatistics, Tally};
 
-/// A text longer than this is cut off: no line of a program and no message is.
+/// A text longer than this is truncated; no line of a program and no message is that long.
 const TEXT_BYTES: usize = 64 * 1024;
-/// A program or tool table that is given in memory, and the machine file.
+/// Maximum size of a program or tool table given in memory, and of the machine file.
 const ATTACHMENT_BYTES: usize = u32::MAX as usize;
 
-/// `/cycle` has at most about two messages in this time; from 2 kHz on it leaves cycles out.
+/// `/cycle` has at most about two messages in this time; above 2 kHz it omits cycles.
 const VIEW_SPAN_NS: u64 = 1_000_000;
 
-/// The name that a trace has while it is written: `NAME.mcap.part`.
+/// The name of a trace while it is written: `NAME.mcap.part`.
 #[must_use]
 pub fn part_path(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
@@ -47,32 +47,32 @@ pub(crate) fn folder_of(path: &Path) -> &Path {
 /// Makes a rename survive a loss of power.
 pub(crate) fn sync_folder_of(path: &Path) -> io::Result<()> {
     let folder = folder_of(path);
-    // A folder is no file on every system; there the rename is as safe as the system makes it.
+    // Not every system can open a folder as a file; there the rename is as safe as the system makes it.
     File::open(folder).map_or(Ok(()), |folder| folder.sync_all())
 }
 
 /// Writes the trace of one run.
 ///
-/// Belongs to the recorder thread: every call may wait for the disk, none may come from the cycle. A call
-/// adds its message to the open chunk in memory; a chunk that is full is compressed and written, as is the
-/// open one by [`Self::flush`], which the caller does each 250 ms, so that no more than that is ever lost.
-/// After a failed write the recorder cuts the file back to its last complete chunk, closes and renames it if
-/// it can, and gives the same error from then on.
+/// For the recorder thread: every call may wait for the disk, so the cycle must not call any. A call adds its
+/// message to the open chunk in memory. A full chunk is compressed and written, as is the open one by
+/// [`Self::flush`], which the caller calls every 250 ms, so that at most this time is lost. After a failed
+/// write the recorder truncates the file to its last complete chunk, closes and renames it if possible, and
+/// returns the same error from then on.
 ///
-/// From the cycles it also derives `/timing` each second, the tool's pose twenty times a second
-/// and the path.
+/// From the cycles it also derives `/timing` every second, the tool's pose twenty times per second, and the
+/// path.
 #[derive(Debug)]
 pub struct Recorder {
     container: Container,
-    /// The message under way, encoded.
+    /// The present message, encoded.
     message: Vec<u8>,
     path: PathBuf,
     /// The part file, until it is renamed. `None` with a sink of the caller's.
     part: Option<PathBuf>,
     axes: Vec<u8>,
-    /// Where cycles are gathered that go out in columns.
+    /// The batch of cycles that are written in columns.
     batch: Option<Batch>,
-    /// `/cycle` has each cycle whose number this divides.
+    /// `/cycle` has every cycle whose number is a multiple of this.
     every: u64,
     tally: Tally,
     scene: Scene,
@@ -82,8 +82,8 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Creates `PATH.part` and its folder, and writes what is known of the run. A device or a pipe is written
-    /// to as it is.
+    /// Creates `PATH.part` and its folder, and writes the description of the run. A device or a pipe is
+    /// written directly.
     ///
     /// # Errors
     /// [`RecordError`]: an invalid description, a left-over part file, no permission, a full disk.
@@ -120,8 +120,8 @@ impl Recorder {
             }
             result => result.map_err(create)?,
         };
-        // So that a start-up that recovers left-over files leaves it alone. Without locks on this file
-        // system it goes by the name alone.
+        // The lock keeps a start-up that recovers left-over files from using this file. On file systems
+        // without locks only the name decides.
         let _ = file.try_lock();
         let sink = FileSink::new(file).map_err(create)?;
         Self::start(Box::new(sink), path.to_owned(), Some(part), info)
@@ -178,13 +178,13 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Metadata, schemas and attachments: first of all, so that a torn file has them.
+    /// Writes metadata, schemas and attachments first, so that a torn file has them.
     fn describe(&mut self, info: &RunInfo) -> Result<(), RecordError> {
         let letters: String = info.axes.iter().map(|axis| axis.letter()).collect();
         let run = with_checksum(info.to_metadata());
         let result = self.container.metadata(schema::RUN, &run).and_then(|()| {
             schema::declare_channels(&mut self.container, &letters, self.every, self.batch.is_some());
-            // Some readers stumble over a chunk without a message.
+            // Some readers fail at a chunk without a message.
             let text = format!("{} on {}", info.program_name, info.machine_name);
             let line = log_line(info.start_time_ns, LogLevel::Info, &text);
             self.put(Channel::Log, info.start_time_ns, 0, &line);
@@ -226,8 +226,7 @@ impl Recorder {
         self.settle(result)
     }
 
-    /// Attaches something that has come up while the run is under way, such as the program of a job. The open
-    /// chunk is closed first.
+    /// Attaches a text during the run, such as the program of a job. The open chunk is closed first.
     ///
     /// # Errors
     /// As [`Self::cycle`].
@@ -236,11 +235,10 @@ impl Recorder {
         self.attach(name, "text/plain", time_ns, text)
     }
 
-    /// Attaches a program that has come up while the run is under way, from a file that is open; `path` names
-    /// it in errors.
+    /// Attaches a program during the run, from an open file; `path` names it in errors.
     ///
     /// # Errors
-    /// As [`Self::cycle`], and [`RecordError::Attach`] where reading fails in the middle.
+    /// As [`Self::cycle`], and [`RecordError::Attach`] if reading fails.
     pub fn attach_program(
         &mut self,
         name: &str,
@@ -274,7 +272,8 @@ impl Recorder {
         };
         file.rewind().map_err(attach)?;
         let size = file.metadata().map_err(attach)?.len();
-        // A read that fails is the program's fault, not the disk's: kept apart from failed writes.
+        // A failed read is an error of the program's file, not of the disk: it is distinguished from failed
+        // writes.
         let mut source = Watched {
             inner: &mut file,
             failure: None,
@@ -375,7 +374,7 @@ impl Recorder {
         self.close_full_chunk()
     }
 
-    /// Records times measured elsewhere. Those of the cycles need no call: the recorder writes them each
+    /// Records times measured elsewhere. Those of the cycles need no call: the recorder writes them every
     /// second.
     ///
     /// # Errors
@@ -386,7 +385,7 @@ impl Recorder {
         self.close_full_chunk()
     }
 
-    /// Records the tool's position, in mm, besides those that the recorder takes from the cycles.
+    /// Records the tool's position, in mm, in addition to those that the recorder takes from the cycles.
     ///
     /// # Errors
     /// As [`Self::cycle`].
@@ -407,8 +406,8 @@ impl Recorder {
         self.close_full_chunk()
     }
 
-    /// Writes the open chunk and starts a synchronisation with the disk, without waiting for it. To be called
-    /// each 250 ms.
+    /// Writes the open chunk and starts a synchronisation with the disk, without waiting for it. Call it
+    /// every 250 ms.
     ///
     /// # Errors
     /// As [`Self::cycle`], or the failure of an earlier synchronisation.
@@ -419,7 +418,7 @@ impl Recorder {
         self.settle(result)
     }
 
-    /// What has been recorded so far.
+    /// Statistics of the recording so far.
     #[must_use]
     pub fn statistics(&self) -> &RunStatistics {
         self.tally.run()
@@ -431,8 +430,8 @@ impl Recorder {
         self.container.position()
     }
 
-    /// Ends the trace: writes the summary, to which the caller adds what it knows, waits for the disk, and
-    /// gives the file its final name, which is returned.
+    /// Ends the trace: writes the summary with the caller's additions, waits for the disk, and gives the file
+    /// its final name, which is returned.
     ///
     /// # Errors
     /// As [`Self::cycle`], or [`RecordError::Rename`].
@@ -446,7 +445,7 @@ impl Recorder {
         Ok(self.path.clone())
     }
 
-    /// The last second and the last stretch of path.
+    /// Writes the last second and the last part of the path.
     fn end_streams(&mut self) {
         self.put_batch();
         if let Some(second) = self.tally.end_second() {
@@ -496,7 +495,7 @@ impl Recorder {
         self.container.message(&header, &self.message);
     }
 
-    /// The cycles that have gathered.
+    /// Writes the gathered cycles.
     fn put_batch(&mut self) {
         if let Some(batch) = self.batch.as_mut().and_then(Batch::take) {
             self.put(Channel::Cycles, batch.due_time_ns, batch.start_sequence, &batch);
@@ -520,7 +519,7 @@ impl Recorder {
         if !self.container.chunk_is_full() {
             return Ok(());
         }
-        // A chunk is whole by itself: what its `/cycle` shows is in its `/cycles` as well.
+        // A chunk is self-contained: the cycles of its `/cycle` are also in its `/cycles`.
         self.put_batch();
         let result = self.container.close_chunk();
         self.settle(result)
@@ -533,10 +532,10 @@ impl Recorder {
         }
     }
 
-    /// Takes a failed write in: saves what can be saved and keeps the error.
+    /// Handles a failed write: saves as much as possible and keeps the error.
     fn settle(&mut self, result: io::Result<()>) -> Result<(), RecordError> {
         let Err(source) = result else { return Ok(()) };
-        // No summary of the run: it would speak of cycles that are not in the file.
+        // No summary of the run: it would include cycles that are not in the file.
         let note = BTreeMap::from([("failure".to_owned(), source.to_string())]);
         let closed = self
             .container
@@ -569,7 +568,7 @@ impl Drop for Recorder {
     }
 }
 
-/// A cycle for viewers: what is derived of the position is rounded to 24 bits, which halves its size.
+/// A cycle for viewers: derivatives of the position are rounded to 24 bits, which halves its size.
 fn for_view(record: &CycleRecord) -> CycleRecord {
     let round = |value: f64| f64::from(value as f32);
     CycleRecord {
@@ -652,7 +651,7 @@ fn cut(text: &str) -> String {
     text[..end].to_owned()
 }
 
-/// Passes reads on and keeps their failure.
+/// Passes reads on and stores their failure.
 struct Watched<'a> {
     inner: &'a mut dyn Read,
     failure: Option<io::Error>,
@@ -661,7 +660,7 @@ struct Watched<'a> {
 impl Read for Watched<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match self.inner.read(buffer) {
-            // The size was taken before: an end this early means that the file became shorter meanwhile.
+            // The size was determined before: an early end means that the file became shorter meanwhile.
             Ok(0) if !buffer.is_empty() => {
                 self.failure = Some(io::ErrorKind::UnexpectedEof.into());
                 Ok(0)

@@ -26,32 +26,32 @@ use crate::sink::FileSink;
 use crate::statistics::RunStatistics;
 use crate::trace_info::ChannelInfo;
 
-/// Longer names are no names of attachments.
+/// Maximum size of an attachment's header; a larger one is invalid.
 const MAX_ATTACHMENT_HEAD: u64 = 64 * 1024;
 
-/// Where what was run is lost, and with it the machine's axes, all axes are taken.
+/// Axes to use if the description of the run, and with it the machine's axes, is lost: all.
 const ALL_AXES: [usize; 9] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
 
-/// What came of a recovery.
+/// Result of a recovery.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recovered {
     /// The torn file.
     pub source: PathBuf,
     /// The complete file made of it.
     pub path: PathBuf,
-    /// Whether the torn file was not torn at all.
+    /// Whether the file was complete.
     pub was_complete: bool,
     /// The messages saved, by channel.
     pub channels: Vec<ChannelInfo>,
-    /// What the cycles saved add up to: last number, gaps, late ones.
+    /// Statistics of the saved cycles: last number, gaps, late ones.
     pub statistics: RunStatistics,
     /// Chunks saved.
     pub chunks: u64,
     /// Attachments saved.
     pub attachments: u64,
-    /// How often something before the end was damaged and left out.
+    /// Number of damaged places before the end that were left out.
     pub damaged_places: u64,
-    /// Whether what was run (the metadata `evolvent.run`) was saved.
+    /// Whether the description of the run (the metadata `evolvent.run`) was saved.
     pub has_run: bool,
     /// Bytes that could not be used.
     pub bytes_dropped: u64,
@@ -65,9 +65,10 @@ impl Recovered {
     }
 }
 
-/// Makes a complete, indexed trace of `source`, cut off anywhere or damaged, at `output`, or beside it:
-/// `NAME.mcap` for `NAME.mcap.part`, else `NAME.recovered.mcap`. Every chunk and attachment that fits its
-/// checksum is kept. The result appears under its name only when it is complete and on disk; `source` stays.
+/// Makes a complete, indexed trace from a truncated or damaged `source`. It is written to `output`, or next
+/// to `source`: `NAME.mcap` for `NAME.mcap.part`, otherwise `NAME.recovered.mcap`. Every chunk and attachment
+/// that matches its checksum is kept. The result appears under its name only when it is complete and on disk;
+/// `source` is kept.
 ///
 /// ```
 /// # use evolvent_path::AxisLetter;
@@ -150,8 +151,8 @@ pub fn recover(source: &Path, output: Option<&Path>) -> Result<Recovered, Recove
 }
 
 /// Recovers every `*.mcap.part` in a folder that no running recorder holds; to be called at start-up. A part
-/// file whose rest was merely cut off is removed once it is recovered; one that is damaged before its end is
-/// kept as `*.mcap.damaged`. A folder that does not exist holds nothing.
+/// file that was only truncated is removed once it is recovered; one that is damaged before its end is kept
+/// as `*.mcap.damaged`. A missing folder counts as empty.
 ///
 /// # Errors
 /// If the folder cannot be read. The result of each file is in the list.
@@ -192,7 +193,7 @@ pub fn recover_leftovers(folder: &Path) -> io::Result<Vec<(PathBuf, Result<Recov
     Ok(results)
 }
 
-/// A free name beside the torn file.
+/// A free name next to the torn file.
 fn default_output(source: &Path) -> PathBuf {
     let name = source
         .file_name()
@@ -222,18 +223,18 @@ enum Trouble {
     Write(io::Error),
 }
 
-/// How a record fared.
+/// Result of a record.
 enum Fate {
     Kept,
     Damaged,
     End,
 }
 
-/// The recovery under way.
+/// State of a recovery.
 struct Rescue {
     container: Container,
     statistics: RunStatistics,
-    /// Of the messages saved, by channel.
+    /// Number of saved messages by channel.
     counts: BTreeMap<u16, u64>,
     axes: Option<Vec<usize>>,
     letters: String,
@@ -267,7 +268,7 @@ impl Rescue {
         }
     }
 
-    /// Goes through the file, keeps what is whole, and searches on where something is not.
+    /// Reads the file, keeps complete records, and searches for the next chunk after a damaged one.
     fn run(&mut self, scan: &mut Scan) -> Result<(), Trouble> {
         let mut offset = MAGIC.len() as u64;
         while offset < scan.length {
@@ -289,7 +290,7 @@ impl Rescue {
                     return Ok(());
                 }
                 Fate::Damaged => {
-                    // If a record can follow, only this one is lost; else look for the next chunk.
+                    // If a record can follow, only this one is lost; otherwise search for the next chunk.
                     let follows = after > offset && scan.head(after).map_err(Trouble::Read)?.is_some();
                     let next = if follows {
                         Some(after)
@@ -298,7 +299,7 @@ impl Rescue {
                     };
                     let next_or_end = next.unwrap_or(scan.length);
                     self.bytes_dropped += next_or_end - offset;
-                    // A tail is merely torn; what is between whole records is damaged.
+                    // A tail is only torn; data between complete records are damaged.
                     self.damaged_places += u64::from(next.is_some());
                     offset = next_or_end;
                 }
@@ -307,7 +308,7 @@ impl Rescue {
         Ok(())
     }
 
-    /// Whether summary and footer after the data are whole.
+    /// Whether summary and footer after the data are complete.
     fn ends_well(&self, scan: &mut Scan, summary: u64) -> io::Result<bool> {
         let tail = (FOOTER_LENGTH + MAGIC.len()) as u64;
         if scan.length < summary + tail || scan.length - summary > MAX_CHUNK_BYTES {
@@ -331,7 +332,7 @@ impl Rescue {
             op::METADATA if length <= MAX_CHUNK_BYTES => {
                 self.metadata(&scan.read(content_at, length as usize).map_err(Trouble::Read)?)
             }
-            // The index of the chunk before is written again; the header says nothing that matters.
+            // The index of the previous chunk is written again; the header has no needed data.
             op::MESSAGE_INDEX | op::HEADER => Ok(Fate::Kept),
             // The recorder puts no other records outside chunks.
             _ => Ok(Fate::Damaged),
@@ -446,7 +447,7 @@ impl Rescue {
         Ok(Fate::Kept)
     }
 
-    /// Opcodes and contents of a chunk's records, of which each can be written again.
+    /// Opcodes and contents of a chunk's records, if each can be written again.
     fn whole_records(&self, record: &[u8]) -> Result<Vec<(u8, Vec<u8>)>, Damaged> {
         let mut chunk = ChunkRecords::new(record)?;
         let mut records = Vec::new();
@@ -464,7 +465,7 @@ impl Rescue {
                 }
                 Record::Message { header, .. } => {
                     let id = header.channel_id;
-                    // Numbers of channels never change, so where all declarations are lost ours fit.
+                    // Channel numbers never change, so if all declarations are lost, ours apply.
                     let is_ours = self.declared_none && Channel::ALL.iter().any(|channel| channel.id() == id);
                     channels.contains(&id) || self.container.has_channel(id) || is_ours
                 }
@@ -478,7 +479,7 @@ impl Rescue {
         Ok(records)
     }
 
-    /// Writes the descriptions of the channels again, whose chunk is lost, and says so.
+    /// Writes the descriptions of the channels again if their chunk is lost, and notes it.
     fn declare_again(&mut self, time_ns: Option<u64>) {
         schema::declare_channels(&mut self.container, &self.letters, 1, true);
         let time_ns = time_ns.unwrap_or(0);
@@ -494,7 +495,7 @@ impl Rescue {
         *self.counts.entry(Channel::Log.id()).or_default() += 1;
     }
 
-    /// Takes in what a message adds up to.
+    /// Adds a message to the statistics.
     fn count(&mut self, header: &MessageHeader, data: &[u8], has_batches: bool) {
         *self.counts.entry(header.channel_id).or_default() += 1;
         match self
@@ -526,7 +527,7 @@ impl Rescue {
         }
     }
 
-    /// What the statistics need of a cycle; without the axes if what was run is lost.
+    /// Decodes a cycle for the statistics; without the axes if the description of the run is lost.
     fn cycle(&self, data: &[u8]) -> Option<CycleRecord> {
         let message = evolvent::Cycle::decode(data).ok()?;
         let record = CycleRecord {

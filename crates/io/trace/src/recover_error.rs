@@ -1,4 +1,4 @@
-//! Why a trace could not be recovered, and what to do then.
+//! Errors of a recovery, and the remedy.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ pub enum RecoverError {
         /// The file.
         path: PathBuf,
     },
-    /// No MCAP file, or nothing of it is left.
+    /// Not an MCAP file, or nothing of it is left.
     #[error("{}", nothing_left(.path, *.bytes))]
     NotATrace {
         /// The file.
@@ -52,7 +52,7 @@ impl RecoverError {
     }
 }
 
-/// Whether it is a name that recorders give to what they have not finished.
+/// Whether the name is that of an unfinished recording.
 fn is_part(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "part")
 }

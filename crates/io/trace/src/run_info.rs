@@ -1,16 +1,16 @@
-//! What a run is: the metadata and attachments that make a trace replayable alone.
+//! The description of a run: the metadata and attachments that make a trace self-contained for replay.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use evolvent_path::AxisLetter;
 
-/// Key of [`RunInfo::extra`] in a file that goes on where another one ends: the number of its first cycle.
+/// Key of [`RunInfo::extra`] in a file that continues another one: the number of its first cycle.
 pub const CONTINUES_AT: &str = "continues_at";
-/// What the metadata say of cycles in columns.
+/// Value of the metadata for cycles in columns.
 const COLUMNS: &str = "columns";
 
-/// Where the program's text comes from when it is attached to the trace.
+/// Source of the program's text that is attached to the trace.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum ProgramSource {
     /// No program: jogging, or a program that is not kept.
@@ -22,7 +22,7 @@ pub enum ProgramSource {
     File(PathBuf),
 }
 
-/// What is known when a run starts; goes into the metadata `evolvent.run` and the attachments.
+/// The description of a run at its start, written to the metadata `evolvent.run` and the attachments.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RunInfo {
     /// Name of the program, the attachment's name.
@@ -37,7 +37,7 @@ pub struct RunInfo {
     pub machine_file: String,
     /// Name and content of the tool table.
     pub tool_table: Option<(String, Vec<u8>)>,
-    /// Name and content of the kept parameters (work offsets and so on) that the program found.
+    /// Name and content of the stored parameters (work offsets and so on) at the start of the program.
     pub parameters: Option<(String, Vec<u8>)>,
     /// Names and contents of the files that the machine file names: tables of screw errors.
     pub tables: Vec<(String, Vec<u8>)>,
@@ -47,7 +47,7 @@ pub struct RunInfo {
     pub period_ns: u64,
     /// When the run started, Unix time in ns.
     pub start_time_ns: u64,
-    /// Name and version of what took part, for example `("evolvent", "0.1.0")`.
+    /// Names and versions of the participating software, for example `("evolvent", "0.1.0")`.
     pub versions: BTreeMap<String, String>,
     /// Identifies the configuration; see [`configuration_hash`].
     pub configuration_hash: String,
@@ -55,8 +55,8 @@ pub struct RunInfo {
     pub clock: String,
     /// The real-time settings in force, as text: scheduler, priority, core, locked memory.
     pub real_time: String,
-    /// Whether the cycles are held in columns (`/cycles`), with `/cycle` thinned out and rounded for viewers;
-    /// otherwise `/cycle` has one exact message a cycle.
+    /// Whether the cycles are stored in columns (`/cycles`), with `/cycle` reduced and rounded for viewers;
+    /// otherwise `/cycle` has one exact message per cycle.
     pub columns: bool,
     /// Anything else to keep, by key.
     pub extra: BTreeMap<String, String>,
@@ -64,7 +64,7 @@ pub struct RunInfo {
 
 /// Identifies a configuration by its bytes: 16 hexadecimal digits of FNV-1a, 64 bit (Fowler, Noll, Vo).
 ///
-/// Tells configurations apart, does not protect against forgery. Parts are separated, so that moving a byte
+/// Distinguishes configurations; does not protect against forgery. Parts are separated, so that moving a byte
 /// from one to the next gives another hash.
 ///
 /// ```
@@ -131,7 +131,7 @@ impl RunInfo {
         map
     }
 
-    /// Back from the metadata; the attachments are not loaded. `None` if a key is missing or no number.
+    /// Reads the metadata; the attachments are not loaded. `None` if a key is missing or not a number.
     pub(crate) fn from_metadata(map: &BTreeMap<String, String>) -> Option<Self> {
         let get = |key: &str| map.get(key).cloned();
         let with_prefix = |prefix: &str| {

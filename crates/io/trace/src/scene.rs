@@ -13,7 +13,7 @@ const METRES_PER_MM: f64 = 1e-3;
 /// The coordinate frame of the pictures.
 const FRAME: &str = "machine";
 
-/// Follows the cycles and draws.
+/// Derives pose and path from the cycles.
 #[derive(Debug, Default)]
 pub(crate) struct Scene {
     next_pose_ns: u64,

@@ -101,8 +101,8 @@ impl Channel {
 /// The encoding of schemas and messages, in the format's registry.
 const PROTOBUF: &str = "protobuf";
 
-/// Declares all schemas and channels. `axes` are the letters of the axes in the cycles, `every` tells which
-/// cycles `/cycle` has, `columns` whether there is `/cycles`.
+/// Declares all schemas and channels. `axes` are the letters of the axes in the cycles, `/cycle` has every
+/// cycle whose number is a multiple of `every`; `columns`: `/cycles` exists.
 pub(crate) fn declare_channels(container: &mut Container, axes: &str, every: u64, columns: bool) {
     for channel in Channel::ALL {
         if channel == Channel::Cycles && !columns {
@@ -132,7 +132,7 @@ pub(crate) fn declare_channels(container: &mut Container, axes: &str, every: u64
     }
 }
 
-/// Unix time as protobuf has it.
+/// Unix time as a protobuf timestamp.
 pub(crate) fn timestamp(time_ns: u64) -> prost_types::Timestamp {
     prost_types::Timestamp {
         seconds: (time_ns / 1_000_000_000) as i64,
@@ -140,7 +140,7 @@ pub(crate) fn timestamp(time_ns: u64) -> prost_types::Timestamp {
     }
 }
 
-/// Back from protobuf; `None` before 1970 or out of range.
+/// Unix time from a protobuf timestamp; `None` before 1970 or out of range.
 pub(crate) fn time_ns(timestamp: Option<&prost_types::Timestamp>) -> Option<u64> {
     let timestamp = timestamp?;
     u64::try_from(timestamp.seconds)

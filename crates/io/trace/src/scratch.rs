@@ -12,7 +12,7 @@ const PIECE_BYTES: usize = 8 * 1024;
 /// rest in memory. If there can be no such file, or the disk is full, they stay in memory.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    /// Where to create the file; none after the attempt.
+    /// Folder for the file; `None` after the attempt to create it.
     folder: Option<PathBuf>,
     file: Option<File>,
     /// Number of bytes that are safely in the file.
@@ -21,7 +21,7 @@ pub(crate) struct Scratch {
 }
 
 impl Scratch {
-    /// With a file in this folder.
+    /// Uses a file in this folder.
     pub(crate) fn in_folder(folder: PathBuf) -> Self {
         Self {
             folder: Some(folder),
@@ -81,7 +81,7 @@ impl Scratch {
     }
 }
 
-/// A file that no folder lists.
+/// Creates a file without a name.
 #[cfg(target_os = "linux")]
 fn nameless_file(folder: &std::path::Path) -> Option<File> {
     use rustix::fs::{Mode, OFlags, open};

@@ -20,8 +20,8 @@ pub struct RunStatistics {
     pub first_sequence: Option<u64>,
     /// The last cycle's number.
     pub last_sequence: Option<u64>,
-    /// Number of positions at which the next number was not the last plus one, or the first not that with
-    /// which the trace begins.
+    /// Number of gaps: positions at which a number was not its predecessor plus one, or the first one not the
+    /// number with which the trace begins.
     pub gaps: u64,
     /// Numbers missing in all gaps.
     pub missing_cycles: u64,
@@ -29,13 +29,13 @@ pub struct RunStatistics {
     pub late_cycles: u64,
     /// Events that were alarms.
     pub alarms: u64,
-    /// How late cycles woke up.
+    /// Lateness of the cycles' wake-ups.
     pub lateness: Histogram,
-    /// How long their work took.
+    /// Duration of their work.
     pub work: Histogram,
-    /// How they followed the drives' clock, once the lock had settled.
+    /// Phase lock to the drives' clock, once it had settled.
     pub phase: PhaseTally,
-    /// The number with which the trace begins; `None` if what was run is unknown.
+    /// The number with which the trace begins; `None` if the description of the run is unknown.
     begins_at: Option<u64>,
 }
 
@@ -114,7 +114,7 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
-    /// Of a trace that begins with this number.
+    /// Statistics of a trace that begins with this number.
     pub(crate) fn beginning_at(sequence: u64) -> Self {
         let mut tally = Self::default();
         tally.run.begin_at(sequence);

@@ -16,14 +16,14 @@ use mcap::{MAGIC, Schema};
 
 use crate::scratch::Scratch;
 
-/// More than the index of a chunk takes.
+/// Upper bound of the size of a chunk's index.
 const CHUNK_INDEX_BYTES: u64 = 256;
-/// More than everything takes besides schemas, channels and indexes.
+/// Upper bound of the size of everything else than schemas, channels and indexes.
 const REST_BYTES: u64 = 8 * 1024;
 /// The footer's content: two positions and a checksum.
 const FOOTER_BYTES: u64 = 8 + 8 + 4;
 
-/// Gathers while the file is written.
+/// Data gathered while the file is written.
 #[derive(Debug)]
 pub(crate) struct Summary {
     schemas: BTreeMap<u16, Schema<'static>>,
@@ -37,7 +37,7 @@ pub(crate) struct Summary {
 }
 
 impl Summary {
-    /// An empty one that is stored in `folder`, or in memory if there is none.
+    /// Creates an empty summary, stored in `folder`, or in memory if there is none.
     pub(crate) fn new(folder: Option<&Path>) -> Self {
         let scratch = || folder.map_or_else(Scratch::default, |folder| Scratch::in_folder(folder.to_owned()));
         Self {
@@ -130,7 +130,7 @@ impl Summary {
     /// `data_section_crc` the checksum of all of it.
     ///
     /// # Errors
-    /// Those of `append`, and of reading back what was stored.
+    /// Those of `append`, and of reading the stored data.
     pub(crate) fn write(
         &mut self,
         position: u64,
@@ -190,7 +190,7 @@ impl Summary {
         for offset in &offsets {
             out.put(&record(op::SUMMARY_OFFSET, offset))?;
         }
-        // The checksum guards the footer too, up to itself.
+        // The checksum also covers the footer, up to itself.
         let unsealed = record(op::FOOTER, &footer);
         out.crc.update(&unsealed[..unsealed.len() - 4]);
         footer.summary_crc = out.crc.finalize();
@@ -201,7 +201,7 @@ impl Summary {
     }
 }
 
-/// Appends and keeps position and checksum.
+/// Appends, and tracks position and checksum.
 struct Checked<'a> {
     append: &'a mut dyn FnMut(&[u8]) -> io::Result<()>,
     position: u64,

@@ -12,7 +12,7 @@ pub struct ChannelInfo {
     pub topic: String,
     /// The full name of its messages.
     pub message: String,
-    /// How many.
+    /// Number of messages.
     pub messages: u64,
 }
 
@@ -46,8 +46,8 @@ pub struct TraceInfo {
 }
 
 impl TraceInfo {
-    /// From the first to the last message, and at least from the cycle with which the trace begins to the
-    /// last one, s: cycles that are missing at the beginning count.
+    /// Time from the first to the last message, and at least from the cycle with which the trace begins to
+    /// the last one, s: cycles that are missing at the beginning count.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         let messages_ns = self.end_time_ns.saturating_sub(self.start_time_ns);

@@ -14,8 +14,8 @@ use crate::schema;
 type Entries = BTreeMap<u16, Vec<(u64, u64)>>;
 
 impl TraceFile {
-    /// Reads the whole file and compares every chunk, attachment and index with its checksum, or with what it
-    /// repeats. Readers check what they read; this finds damage in what they did not need too.
+    /// Reads the whole file and compares every chunk, attachment and index with its checksum, or with the
+    /// data that it duplicates. Readers check what they read; this also finds damage in the rest.
     ///
     /// In files without a checksum of the data section, as other tools and earlier versions write, the name
     /// of the writing library and changes of compressed data that decompress to the same are not found.
@@ -80,7 +80,7 @@ impl TraceFile {
                     seen[1] += 1;
                 }
                 op::DATA_END => {
-                    // What follows has its own checksum, which was compared when the file was opened.
+                    // The rest has its own checksum, which was compared when the file was opened.
                     let is_end = match parse(opcode, content) {
                         Some(Record::DataEnd(record)) => {
                             // 0: not computed.

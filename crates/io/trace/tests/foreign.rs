@@ -127,7 +127,7 @@ fn python_unpacks_columns_to_the_same_bits() {
         ];
         let by_axis = lists.iter().flat_map(|list| [2, 0, 5].map(|axis| list[axis]));
         for value in plain.into_iter().chain(by_axis) {
-            // Which of the many "not a number" it is does not matter.
+            // The bits of a NaN do not matter.
             let value = if value.is_nan() { f64::NAN } else { value };
             wanted.extend_from_slice(&value.to_le_bytes());
         }

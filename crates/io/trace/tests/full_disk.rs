@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use crate::common::{self, Manners, SmallDisk, assert_same, cycle, info};
 use evolvent_trace::{FileSink, RecordError, Recorder, Remains, TraceFile, recover};
 
-/// Records until it fails; gives the cycles that had been flushed by then and the error.
+/// Records until it fails. Returns the number of flushed cycles and the error.
 fn fill(recorder: &mut Recorder) -> (u64, RecordError) {
     let mut flushed = 0;
     for n in 0..1_000_000 {
@@ -82,8 +82,8 @@ fn whatever_the_size_of_the_disk_what_was_flushed_is_readable() {
     }
 }
 
-/// A served machine attaches what its jobs begin with, hundreds of times: their index takes more than what
-/// else is at the end.
+/// A served machine attaches the initial data of its jobs, hundreds of times: their index is larger than the
+/// rest of the end.
 #[test]
 fn a_full_disk_takes_the_index_of_every_attachment() {
     let folder = common::folder();
@@ -204,7 +204,7 @@ fn the_full_device_is_named_as_full() {
     assert!(matches!(error, RecordError::DiskFull { .. }), "{error}");
 }
 
-/// A real file system that is full, where the user may mount one.
+/// A real full file system, if the user may mount one.
 #[test]
 #[cfg(target_os = "linux")]
 fn a_full_file_system_leaves_a_file_that_holds_what_was_flushed() {
@@ -232,7 +232,7 @@ fn a_full_file_system_leaves_a_file_that_holds_what_was_flushed() {
         else {
             panic!("{error}")
         };
-        // What was allocated was enough for the index.
+        // The allocated space was enough for the index.
         assert_eq!((remains, &at), (Remains::Complete, &path));
         println!("{remains:?}, {flushed} cycles");
         (cycles_of(&path), flushed)

@@ -1,4 +1,4 @@
-//! The memory of a recorder does not grow with its trace: a machine that is served records for weeks.
+//! The memory of a recorder does not grow with its trace: a served machine records for weeks.
 
 #![allow(clippy::expect_used, reason = "tests fail as tests do")]
 
@@ -7,7 +7,7 @@ use evolvent_trace::{Recorder, TraceFile};
 
 use crate::common::{self, cycle, info};
 
-/// Records `chunks` chunks of 20 cycles and gives the largest memory of this thread after one of them.
+/// Records `chunks` chunks of 20 cycles. Returns the largest memory of this thread after any of them.
 fn record_chunks(recorder: &mut Recorder, from: u64, chunks: u64) -> i64 {
     let mut largest = 0;
     for chunk in from..from + chunks {

@@ -20,7 +20,7 @@ fn path_of(name: &str) -> PathBuf {
         .join(name)
 }
 
-/// How many cycles there are, and their hash.
+/// Number of cycles, and their hash.
 fn cycles_of(path: &Path) -> Result<(usize, String), ReadError> {
     let mut bytes = Vec::new();
     let mut count = 0;
@@ -70,7 +70,7 @@ fn traces_of_version_0_1_are_recovered() {
         let whole = recover(&path_of(name), Some(&out)).expect(name);
         assert!(whole.was_complete && !whole.lost_data(), "{name}");
         assert_eq!(cycles_of(&out).expect(name), (159, hash.to_owned()), "{name}");
-        // Without its end the second chunk is still whole.
+        // Without its end the second chunk is still complete.
         let bytes = std::fs::read(path_of(name)).expect(name);
         let torn = folder.path().join("torn.mcap");
         std::fs::write(&torn, &bytes[..bytes.len() - 20_000]).expect("writing");

@@ -1,4 +1,4 @@
-//! Errors of reading say what to do.
+//! Errors of reading name the remedy.
 
 #![allow(clippy::expect_used, reason = "tests fail as tests do")]
 
@@ -49,7 +49,7 @@ fn where_a_run_was_broken_off_its_part_file_is_named() {
     let error = TraceFile::open(&folder.path().join("run.mcap")).expect_err("there is none");
     let advice = format!("`evolvent trace recover {}`", part.display());
     assert!(error.to_string().contains(&advice), "{error}");
-    // What recorders leave may be removed, what is not a trace may be anything.
+    // A recorder's leftovers may be removed; a file that is not a trace may be anything.
     let error = recover(&part, None).expect_err("nothing is in it");
     assert!(
         error.to_string().contains("remove it") && !error.is_wrong_name(),
@@ -68,7 +68,7 @@ fn where_a_run_was_broken_off_its_part_file_is_named() {
     );
 }
 
-/// A pipe without a writer would never answer.
+/// A read of a pipe without a writer would wait without end.
 #[test]
 fn a_pipe_is_refused_and_not_waited_for() {
     let pipe = std::env::temp_dir().join(format!("evolvent-trace-pipe-{}", std::process::id()));
@@ -79,7 +79,7 @@ fn a_pipe_is_refused_and_not_waited_for() {
     std::thread::spawn(move || {
         let opened = TraceFile::open(&path).map(drop);
         let recovered = recover(&path, None).map(drop);
-        // Nobody may listen any more.
+        // The receiver may have ended.
         let _ = sender.send((
             opened.map_err(|error| error.to_string()),
             recovered.map_err(|error| error.to_string()),

@@ -1,4 +1,4 @@
-//! What is recorded is found again: by this crate's reader and by the reference implementation.
+//! Recorded data are read back by this crate's reader and by the reference implementation.
 
 #![allow(
     clippy::expect_used,
@@ -52,7 +52,7 @@ fn reference_implementation_reads_the_same_and_finds_every_checksum_right() {
     let path = folder.path().join("run.mcap");
     record(&path, 12_000, "XYZ", 5000);
     let bytes = fs::read(&path).expect("reading");
-    // In the order of the file: every chunk's checksum is verified on the way.
+    // In the order of the file: every chunk's checksum is verified.
     let mut cycles = 0;
     for message in mcap::MessageStream::new(&bytes).expect("stream") {
         let message = message.expect("message");
@@ -198,7 +198,7 @@ fn program_larger_than_a_piece_is_attached_from_its_file() {
         .expect("finishing");
     let mut trace = TraceFile::open(&path).expect("opening");
     assert!(trace.attachment("part.ngc").expect("attachment") == Some(program));
-    // A run without a single cycle is a run.
+    // A run without cycles is valid.
     assert_eq!(trace.info().messages("/cycle"), 0);
     assert_eq!(trace.cycles().count(), 0);
 }
@@ -238,7 +238,7 @@ fn a_left_over_part_file_is_not_overwritten() {
     assert_eq!(fs::read(part_path(&path)).expect("part file"), before);
 }
 
-/// It would leave a hidden file in it that no end can rename.
+/// It would leave a hidden file in the folder that cannot be renamed at the end.
 #[test]
 fn a_folder_is_refused_as_the_name_of_a_trace() {
     let folder = common::folder();
@@ -351,7 +351,8 @@ fn a_trace_that_is_being_written_is_told_from_a_torn_one() {
     assert!(refusal().contains("has no end"), "{}", refusal());
 }
 
-/// What the summary needs of chunks and attachments goes to disk in pieces of 8 KiB: here several of each.
+/// The summary's data about chunks and attachments are stored on disk in pieces of 8 KiB: here several of
+/// each.
 #[test]
 fn a_summary_that_was_kept_on_disk_knows_every_chunk_and_attachment() {
     let folder = common::folder();

@@ -1,4 +1,4 @@
-//! The checked-in code and descriptors are what the `.proto` files say.
+//! The checked-in code and descriptors match the `.proto` files.
 //!
 //! After an edit of a `.proto` file: `EVOLVENT_REGENERATE=1 cargo test -p evolvent-trace schema::`.
 //! Generated code is checked in so that a build needs no protobuf compiler, not even one written in Rust.

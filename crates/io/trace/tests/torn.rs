@@ -1,4 +1,4 @@
-//! Torn and damaged files: whatever is whole is recovered, and what is lost is reported.
+//! Torn and damaged files: all complete data are recovered, and losses are reported.
 
 #![allow(
     clippy::expect_used,
@@ -52,7 +52,7 @@ fn check(recovered: &Recovered, wanted: Option<u64>) -> u64 {
     let mut last = None;
     for record in trace.cycles() {
         let record = record.expect("a cycle");
-        // Never a wrong figure: each is exactly what was recorded under its number.
+        // Never a wrong value: each cycle equals the one recorded under its number.
         assert_same(&record, &cycle(record.sequence, AXES));
         assert!(last.is_none_or(|last| record.sequence > last));
         last = Some(record.sequence);
@@ -92,7 +92,7 @@ fn cut_anywhere_way() {
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
     let mut cuts: Vec<u64> = (0..500).map(|_| random.below(bytes.len()) as u64).collect();
-    // The places where it matters: around the ends of chunks and of the file.
+    // The critical positions: near the ends of chunks and of the file.
     cuts.extend(ends.iter().take(5).flat_map(|&(end, _)| [end - 1, end, end + 1]));
     cuts.extend([0, 1, 7, 8, 9, 16, 17, 18, bytes.len() as u64 - 1]);
     for cut in cuts {
@@ -142,7 +142,7 @@ fn flipped_bits_way() {
             let at = random.below(range as usize);
             bytes[at] ^= 1 << random.below(8);
         }
-        // The reader: an error, or the truth.
+        // The reader: an error, or correct data.
         fs::write(&damaged_path, &bytes).expect("writing");
         if let Ok(mut trace) = TraceFile::open(&damaged_path) {
             for record in trace.cycles() {
@@ -264,7 +264,7 @@ fn leftovers_are_way() {
     let killed = folder.path().join("killed.mcap");
     let mut recorder = Recorder::create(&killed, &info(AXES)).expect("creating");
     record_into(&mut recorder, 1000, AXES, 250);
-    // As SIGKILL leaves it: cycles 1000 to 1099 are in memory only.
+    // As after SIGKILL: cycles 1000 to 1099 are in memory only.
     for n in 1000..1100 {
         recorder.cycle(&cycle(n, AXES)).expect("cycle");
     }

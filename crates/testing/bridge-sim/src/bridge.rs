@@ -10,16 +10,16 @@ use crate::drive::{DriveTrouble, SimDrive};
 use crate::fault::{Fault, FaultKind};
 use crate::settings::SimSettings;
 
-/// How late *late* feedback is, ns.
+/// Delay of the fault `late`, ns.
 const LATE_NS: u64 = 100_000_000;
-/// How far a position jumps on demand, mm or degrees.
+/// Size of the fault `jump`, mm or degrees.
 const JUMP: f64 = 5.0;
-/// A position that no axis has, mm or degrees.
+/// An impossible position, mm or degrees.
 const WILD: f64 = 1e308;
-/// By how much time stamps run ahead on demand, ns.
+/// Offset of the time stamps of the fault `ahead`, ns.
 const AHEAD_NS: u64 = 3_600_000_000_000;
 
-/// Drives behind a follower, with faults. Deterministic: the same setpoints at the same times give the same
+/// Drives with a follower and faults. Deterministic: the same setpoints at the same times give the same
 /// feedback.
 #[derive(Clone, Debug)]
 pub struct SimBridge {
@@ -31,9 +31,9 @@ pub struct SimBridge {
     instance: u64,
     axes: AxisMask,
     absolute: bool,
-    /// When the drives came into operation first: the faults' time zero.
+    /// First time at which the drives were operational: time zero of the faults.
     operating_since_ns: Option<u64>,
-    /// One drive has left operation: the others are stopped until power is requested again.
+    /// One drive has left operation; the others stay stopped until power is requested again.
     group_stop: bool,
     last_target: Option<Target>,
     frozen: Option<Feedback>,
@@ -41,15 +41,15 @@ pub struct SimBridge {
     /// The reading of the load at which the sensor froze.
     frozen_load: Option<f64>,
     delayed: VecDeque<Feedback>,
-    /// The index pulse that the core asks for.
+    /// The index pulse that the core requests.
     index: IndexLatch,
 }
 
 impl SimBridge {
-    /// Drives that were just supplied; the axes stand.
+    /// Creates drives that have just been supplied, with their axes at rest.
     ///
     /// # Errors
-    /// A limit that is not a positive number.
+    /// A limit is not a positive number.
     pub fn new(settings: &SimSettings) -> Result<Self, SettingsError> {
         Ok(Self {
             follower: Follower::new(settings.follower())?,
@@ -76,12 +76,12 @@ impl SimBridge {
         })
     }
 
-    /// Takes in a setpoint that has come; what is of no use is counted and noted in the feedback.
+    /// Accepts a received setpoint. Unusable setpoints are counted and noted in the feedback.
     pub fn offer(&mut self, now_ns: u64, setpoint: &Setpoint) {
         let _noted = self.follower.offer(now_ns, setpoint);
     }
 
-    /// A message came that speaks another version.
+    /// Counts a message of another version of the protocol.
     pub fn refuse_version(&mut self) {
         self.follower.refuse_version();
     }
@@ -92,7 +92,7 @@ impl SimBridge {
         &self.drives
     }
 
-    /// Where the axes truly are, whatever their encoders are named.
+    /// The true positions of the axes, in any datum.
     #[must_use]
     pub fn true_positions(&self) -> [f64; AXES] {
         let mut positions = [0.0; AXES];
@@ -102,7 +102,7 @@ impl SimBridge {
         positions
     }
 
-    /// What the encoders show.
+    /// The positions that the encoders show.
     #[must_use]
     pub fn shown_positions(&self) -> [f64; AXES] {
         let mut positions = [0.0; AXES];
@@ -112,13 +112,13 @@ impl SimBridge {
         positions
     }
 
-    /// The last target of the follower; none before the first period.
+    /// The last target of the follower; `None` before the first period.
     #[must_use]
     pub const fn last_target(&self) -> Option<&Target> {
         self.last_target.as_ref()
     }
 
-    /// Setpoints that were missing, late or refused.
+    /// Number of setpoints that were missing, late or refused.
     #[must_use]
     pub const fn missed(&self) -> u32 {
         self.follower.missed()
@@ -130,18 +130,18 @@ impl SimBridge {
         self.follower.note()
     }
 
-    /// Periods for which the motion goes on without setpoints.
+    /// Number of periods for which the motion continues without setpoints.
     #[must_use]
     pub const fn bridge_cycles(&self) -> u32 {
         self.bridge_cycles
     }
 
-    /// Adds a fault to the schedule, `at_ns` after the drives came into operation first.
+    /// Adds a fault to the schedule. Its `at_ns` counts from the first time that the drives were operational.
     pub fn add_fault(&mut self, fault: Fault) {
         self.faults.push(fault);
     }
 
-    /// What is wrong with the spindles at a time.
+    /// The faults of the spindles that are active at `now_ns`.
     #[must_use]
     pub fn spindle_faults(&self, now_ns: u64) -> Vec<FaultKind> {
         let Some(since_ns) = self.operating_since_ns else {
@@ -155,13 +155,14 @@ impl SimBridge {
             .collect()
     }
 
-    /// When the drives came into operation first, ns.
+    /// First time at which the drives were operational, ns.
     #[must_use]
     pub const fn operating_since_ns(&self) -> Option<u64> {
         self.operating_since_ns
     }
 
-    /// One period of the drives at their time `now_ns`. Returns what is sent, which a fault may withhold.
+    /// Simulates one period of the drives at their time `now_ns`. Returns the feedback to send, which a fault
+    /// may withhold.
     pub fn step(&mut self, now_ns: u64) -> Option<Feedback> {
         let operating = |drive: &SimDrive| drive.state() == DriveState::OperationEnabled;
         let enabled = !self.drives.is_empty() && self.drives.iter().all(operating);
@@ -202,7 +203,8 @@ impl SimBridge {
         self.spoil(now_ns, feedback)
     }
 
-    /// What the load sensor sends at `now_ns` for a reading and the end of its range; none for nothing.
+    /// Returns what the load sensor sends at `now_ns` for a reading and the end of its range; `None` if it
+    /// sends nothing.
     pub fn load_reading(&mut self, now_ns: u64, (value, range_max): (f64, f64)) -> Option<(f64, f64)> {
         let is = |kind| self.is_active(kind, None, now_ns);
         if is(FaultKind::LoadLost) {
@@ -225,7 +227,7 @@ impl SimBridge {
         Some((shown, range_max))
     }
 
-    /// Where one drive cannot go on, none does.
+    /// If one drive cannot continue, none does.
     fn power_for_all(&mut self, target: &Target) -> PowerRequest {
         let was_operating = self
             .last_target
@@ -250,14 +252,14 @@ impl SimBridge {
         }
     }
 
-    /// Axes whose encoders have lost their zero.
+    /// Axes whose absolute encoders have lost their zero.
     fn without_absolute(&self, now_ns: u64) -> AxisMask {
         let axes = self.axes.axes();
         axes.filter(|axis| self.is_active(FaultKind::AbsoluteLost, Some(*axis), now_ns))
             .collect()
     }
 
-    /// A home switch that does not do what its axis does.
+    /// The state of a home switch that is stuck open or closed.
     fn home_switch(&self, axis: usize, now_ns: u64) -> Option<bool> {
         let kinds = [(FaultKind::SwitchClosed, true), (FaultKind::SwitchOpen, false)];
         let mut stuck = kinds
@@ -317,7 +319,7 @@ impl SimBridge {
         feedback
     }
 
-    /// Faults of the way back.
+    /// Applies the faults of the feedback.
     fn spoil(&mut self, now_ns: u64, mut feedback: Feedback) -> Option<Feedback> {
         for axis in 0..AXES {
             if !self.axes.contains(axis) {

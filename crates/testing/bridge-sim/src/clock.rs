@@ -9,7 +9,7 @@ pub fn monotonic_ns() -> u64 {
     now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
 }
 
-/// A crystal of its own: periods that are a little longer or shorter than the core's.
+/// A clock with its own crystal: its periods are slightly longer or shorter than the core's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveClock {
     origin_ns: u64,
@@ -19,7 +19,7 @@ pub struct DriveClock {
 }
 
 impl DriveClock {
-    /// Ticks from `origin_ns` on. A positive drift makes periods longer.
+    /// Creates a clock that ticks from `origin_ns` on. A positive drift makes the periods longer.
     #[must_use]
     pub const fn new(origin_ns: u64, period_ns: u64, drift_ppm: f64) -> Self {
         Self {
@@ -30,7 +30,7 @@ impl DriveClock {
         }
     }
 
-    /// When the next tick is, in ns of CLOCK_MONOTONIC.
+    /// Time of the next tick, ns of CLOCK_MONOTONIC.
     #[must_use]
     pub fn next_ns(&self) -> u64 {
         let ideal_ns = self.ticks.wrapping_mul(self.period_ns);
@@ -40,14 +40,14 @@ impl DriveClock {
             .wrapping_add_signed(drift_ns)
     }
 
-    /// Goes on to the tick after that, and returns the time of this one.
+    /// Advances by one tick and returns the time of the tick that has passed.
     pub fn tick(&mut self) -> u64 {
         let now_ns = self.next_ns();
         self.ticks += 1;
         now_ns
     }
 
-    /// Leaves out ticks up to a moment.
+    /// Skips the ticks up to `now_ns`.
     pub fn skip_to(&mut self, now_ns: u64) {
         let behind_ns = now_ns.saturating_sub(self.next_ns());
         self.ticks += behind_ns / self.period_ns.max(1);

@@ -10,20 +10,20 @@ use crate::settings::SimAxis;
 
 /// Velocity below which an axis counts as standing, mm/s or degrees/s.
 const STANDING: f64 = 0.05;
-/// The home switch of an unlimited rotary axis is closed for so much of each turn.
+/// The home switch of an unlimited rotary axis is closed over this part of each turn.
 const CAM_DEG: f64 = 20.0;
-/// Periods of the self-test.
+/// Duration of the self-test, periods.
 const SELF_TEST: u32 = 10;
-/// Object 603Fh of a fault on demand: following error (8611h), as drives report it when an axis is blocked.
+/// Object 603Fh of a simulated fault: following error (8611h), which drives report when an axis is blocked.
 const ERROR_CODE: u16 = 0x8611;
 
-/// What is wrong with one drive in one period.
+/// Faults of one drive in one period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct DriveTrouble {
     pub faulted: bool,
     pub disabled: bool,
     pub blocked: bool,
-    /// The home switch, whatever the axis does.
+    /// State of the home switch, independent of the axis.
     pub home_switch: Option<bool>,
     /// The encoder has no index pulses.
     pub without_index: bool,
@@ -36,21 +36,21 @@ pub struct SimDrive {
     machine: DriveMachine,
     controller: Cia402,
     servo: Servo,
-    /// Added to the axis's true position to get the one that the encoder names.
+    /// The position that the encoder shows, minus the true position of the axis.
     offset: f64,
-    /// The last target, by true position.
+    /// The last target, as a true position.
     target: f64,
     /// The drive's own ramp: quick stop, fault reaction, friction.
     ramp: Option<(Brake, f64)>,
     periods: u32,
-    /// The index pulse that was passed in the last period, as the encoder names it.
+    /// The index pulse that was passed in the last period, in the coordinates of the encoder.
     index: Option<f64>,
-    /// The home switch as it is wired.
+    /// State of the home switch, faults included.
     switch: Option<bool>,
 }
 
 impl SimDrive {
-    /// A drive that was just supplied; its axis stands.
+    /// Creates a drive that has just been supplied, with its axis at rest.
     #[must_use]
     pub const fn new(axis: SimAxis) -> Self {
         Self {
@@ -67,13 +67,13 @@ impl SimDrive {
         }
     }
 
-    /// What it simulates.
+    /// The simulated axis.
     #[must_use]
     pub const fn axis(&self) -> &SimAxis {
         &self.axis
     }
 
-    /// The state of its state machine.
+    /// The state of the CiA 402 state machine.
     #[must_use]
     pub const fn state(&self) -> DriveState {
         self.machine.state()
@@ -91,19 +91,19 @@ impl SimDrive {
         self.machine.error_code()
     }
 
-    /// The core's reset that was carried out last.
+    /// Number of the core's last reset that was carried out.
     #[must_use]
     pub const fn resets_done(&self) -> u32 {
         self.controller.resets_done()
     }
 
-    /// Where the axis truly is, how fast, and its acceleration.
+    /// True position, velocity and acceleration of the axis.
     #[must_use]
     pub const fn servo(&self) -> &Servo {
         &self.servo
     }
 
-    /// The position that the encoder shows, on its grid, by the names of the datum in force.
+    /// The position that the encoder shows, on its grid, in the datum in force.
     #[must_use]
     pub fn shown(&self) -> f64 {
         let step = self.axis.encoder_step;
@@ -115,7 +115,7 @@ impl SimDrive {
         }
     }
 
-    /// The index pulse that was passed in the last period, as the encoder names it.
+    /// The index pulse that was passed in the last period, in the coordinates of the encoder.
     #[must_use]
     pub const fn passed_index(&self) -> Option<f64> {
         self.index
@@ -126,8 +126,8 @@ impl SimDrive {
         self.offset += shift;
     }
 
-    /// Torque as a ratio of the rated one: the axis's largest acceleration takes half of it, its largest
-    /// velocity a tenth.
+    /// Torque as a ratio of the rated torque: the maximum acceleration of the axis takes half of it, the
+    /// maximum velocity a tenth.
     #[must_use]
     pub fn torque_ratio(&self) -> f64 {
         0.5 * self.servo.acceleration / self.axis.max_acceleration
@@ -164,8 +164,8 @@ impl SimDrive {
         [self.servo.position <= low, self.servo.position >= high]
     }
 
-    /// One period. `setpoint` is by the names of the datum in force. Returns the target that the drive has
-    /// followed.
+    /// Simulates one period. `setpoint` is a position in the datum in force. Returns the target that the
+    /// drive has followed.
     pub(crate) fn step(
         &mut self,
         setpoint: f64,
@@ -226,14 +226,14 @@ impl SimDrive {
         self.target + self.offset
     }
 
-    /// How the axis stops without setpoints: by the limits under torque, by friction without.
+    /// The ramp of the axis without setpoints: within the limits under torque, by friction without torque.
     fn own_ramp(&self, state: DriveState) -> Brake {
         let torque = matches!(
             state,
             DriveState::QuickStopActive | DriveState::FaultReactionActive
         );
         let limit = if torque { 1.0 } else { 0.5 } * self.axis.max_acceleration;
-        // From where the target was and as fast as the axis is: the loop goes on without a step.
+        // Starts at the last target, with the velocity of the axis, so that the loop sees no step.
         let start = BrakeState {
             position: self.target,
             velocity: self.servo.velocity,

@@ -1,4 +1,4 @@
-//! What a running bridge reports of its core and of its drives.
+//! Events of a running bridge: its core and its drives.
 
 use core::fmt::{self, Display};
 
@@ -7,30 +7,30 @@ use evolvent_path::AxisLetter;
 
 use crate::bridge::SimBridge;
 
-/// Something that whoever started the bridge should know at once.
+/// An event that the user of the bridge should see at once.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SimEvent {
     /// There is no core yet.
     Waiting,
-    /// A core was found.
+    /// The bridge has found a core.
     Core {
         /// Letters of its axes.
         axes: String,
         /// Its period, ns.
         period_ns: u64,
     },
-    /// The drives have followed, and have stopped although their power was requested.
+    /// The drives followed, and have stopped although power is still requested.
     Stopped(StopCause),
-    /// They follow again.
+    /// The drives follow again.
     Follows,
 }
 
-/// Why drives have stopped by themselves.
+/// Why the drives have stopped by themselves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopCause {
     /// There was no setpoint to follow.
     Setpoints {
-        /// Periods for which the motion went on without.
+        /// Number of periods for which the motion continued without setpoints.
         periods: u32,
         /// The last problem with setpoints.
         note: Note,
@@ -105,19 +105,19 @@ impl Display for SimEvent {
     }
 }
 
-/// Finds the moments at which drives stop by themselves, and at which they follow again.
+/// Detects when the drives stop by themselves and when they follow again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum FollowWatch {
-    /// They have not followed since their power was requested.
+    /// The drives have not followed since power was requested.
     #[default]
     Idle,
     Following,
-    /// They have followed, and stopped.
+    /// The drives followed and have stopped.
     Stopped,
 }
 
 impl FollowWatch {
-    /// After a period of the bridge.
+    /// Updates the state after a period of the bridge.
     pub(crate) fn step(&mut self, bridge: &SimBridge) -> Option<SimEvent> {
         let target = bridge.last_target()?;
         let next = match target.state {
@@ -149,7 +149,7 @@ fn stop_cause(bridge: &SimBridge, target: &Target) -> StopCause {
             error_code: drive.error_code(),
         };
     }
-    // The others were stopped because of it.
+    // The other drives were stopped because of this one.
     let has_left =
         |state: DriveState| !matches!(state, DriveState::OperationEnabled | DriveState::QuickStopActive);
     let off = drives.iter().find(|drive| has_left(drive.state()));
@@ -225,7 +225,7 @@ mod tests {
         );
         bench.step(500, Some(PowerRequest::On));
         assert_eq!(bench.events[1..], [SimEvent::Follows]);
-        // What the core requests is no news.
+        // A stop that the core requests is no event.
         bench.step(500, Some(PowerRequest::Off));
         bench.step(500, None);
         assert_eq!(bench.events.len(), 2, "{:?}", bench.events);

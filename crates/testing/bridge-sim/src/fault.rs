@@ -1,4 +1,4 @@
-//! What goes wrong on demand.
+//! Faults that the simulation can produce.
 
 use core::fmt;
 use core::str::FromStr;
@@ -15,29 +15,29 @@ pub enum FaultKind {
     Late,
     /// No feedback.
     Silent,
-    /// The same feedback again and again, with its old time.
+    /// The same feedback is repeated, with its old time stamp.
     Frozen,
-    /// The encoder of one axis shows the same position whatever the axis does.
+    /// The encoder of one axis shows a constant position while the axis moves.
     Stuck,
     /// A drive goes into fault.
     Fault,
     /// A drive loses its enabling input and switches off.
     Off,
-    /// The position that one axis reports jumps by 5.
+    /// The reported position of one axis jumps by 5 mm or degrees.
     Jump,
-    /// One axis is blocked and trails behind.
+    /// One axis is blocked and lags its target.
     Blocked,
-    /// A position that is no number.
+    /// The reported position is NaN.
     Nan,
-    /// A position that no machine has.
+    /// The reported position is impossible.
     Wild,
-    /// Samples whose time lies an hour ahead.
+    /// The time stamps are an hour ahead.
     Ahead,
-    /// The load sensor reads zero, as one without supply.
+    /// The load sensor reads zero, as it does without supply.
     LoadZero,
     /// The load sensor sends nothing.
     LoadLost,
-    /// The load sensor sends the same reading again and again.
+    /// The load sensor repeats the same reading.
     LoadFrozen,
     /// The load sensor sends NaN.
     LoadNan,
@@ -47,15 +47,15 @@ pub enum FaultKind {
     LoadNegative,
     /// The drives of the spindles go into fault.
     SpindleFault,
-    /// Spindles send nothing.
+    /// The spindles send nothing.
     SpindleSilent,
-    /// Spindles keep half of their speed.
+    /// The spindles run at half of their speed.
     SpindleSlow,
-    /// Spindles are stopped by what they cut.
+    /// The spindles are stalled by the cut.
     SpindleStall,
-    /// The home switch of one axis is closed wherever the axis is.
+    /// The home switch of one axis is stuck closed.
     SwitchClosed,
-    /// The home switch of one axis is open wherever the axis is.
+    /// The home switch of one axis is stuck open.
     SwitchOpen,
     /// The encoder of one axis has no index pulses.
     IndexMissing,
@@ -93,7 +93,7 @@ impl FaultKind {
         (Self::AbsoluteLost, "absolute-lost"),
     ];
 
-    /// Whether it is one of the load sensor, of which the drives know nothing.
+    /// Whether this is a fault of the load sensor, which does not affect the drives.
     #[must_use]
     pub const fn is_of_load(self) -> bool {
         matches!(
@@ -107,7 +107,7 @@ impl FaultKind {
         )
     }
 
-    /// Whether it is one of spindles, likewise.
+    /// Whether this is a fault of the spindles, which does not affect the drives.
     #[must_use]
     pub const fn is_of_spindle(self) -> bool {
         matches!(
@@ -116,7 +116,7 @@ impl FaultKind {
         )
     }
 
-    /// Whether it shows only while an axis homes: a switch, an index pulse or an absolute encoder.
+    /// Whether this fault has an effect only during homing: a switch, an index pulse or an absolute encoder.
     #[must_use]
     pub const fn is_of_homing(self) -> bool {
         matches!(
@@ -135,21 +135,21 @@ impl FaultKind {
     }
 }
 
-/// One fault on the schedule: `KIND@SECONDS[+DURATION][:AXIS]`, as in `silent@2.5+0.1` or `jump@3:Y`.
+/// A scheduled fault: `KIND@SECONDS[+DURATION][:AXIS]`, as in `silent@2.5+0.1` or `jump@3:Y`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fault {
-    /// What goes wrong.
+    /// Kind of the fault.
     pub kind: FaultKind,
-    /// When, in ns since the drives came into operation first.
+    /// Start, ns after the drives were first operational.
     pub at_ns: u64,
-    /// For how long, in ns; for ever if none.
+    /// Duration, ns; without end if `None`.
     pub duration_ns: Option<u64>,
-    /// Which axis, an index; the first that the machine has if none.
+    /// Index of the axis; the first axis of the machine if `None`.
     pub axis: Option<usize>,
 }
 
 impl Fault {
-    /// Whether it is there at a moment.
+    /// Whether the fault is active at `now_ns`.
     #[must_use]
     pub const fn is_active(&self, now_ns: u64) -> bool {
         let begun = now_ns >= self.at_ns;
@@ -160,7 +160,7 @@ impl Fault {
     }
 }
 
-/// Why a text is no fault.
+/// A text that is not a fault.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
     "{text:?} is no fault: write KIND@SECONDS[+DURATION][:AXIS] with one of late, silent, frozen, stuck, \

@@ -1,17 +1,17 @@
-//! Messages of the machine's inputs, and the probe's among them.
+//! Messages of the machine's inputs, those of the probe included.
 
 use evolvent_bus::{InputSender, MachineInputs, MachineOutputs, Setpoint};
 
 use crate::probe::SimProbe;
 
-/// Time between two messages of inputs that do not change, ns.
+/// Interval between messages while the inputs do not change, ns.
 const INPUTS_EVERY_NS: u64 = 5_000_000;
 
-/// The machine's inputs, asked every period: of the last setpoint and the outputs in force. Number, time and
-/// instance of the message are the bridge's affair.
+/// Returns the machine's inputs for the last setpoint and the outputs in force; called every period. The
+/// bridge sets sequence number, time and instance of the message.
 pub type Signalling = Box<dyn FnMut(Option<&Setpoint>, &MachineOutputs) -> MachineInputs>;
 
-/// The newest message, and what reads the next.
+/// The newest message, and the source of the next one.
 pub(crate) struct InputMessages {
     read: Signalling,
     instance: u64,
@@ -27,7 +27,7 @@ impl InputMessages {
         }
     }
 
-    /// Sends the inputs where they have changed, or were sent long ago; how many messages have left.
+    /// Sends the inputs if they have changed or were sent too long ago. Returns the number of messages sent.
     pub(crate) fn send(
         &mut self,
         now_ns: u64,
@@ -37,7 +37,7 @@ impl InputMessages {
         sender: &mut InputSender,
     ) -> u64 {
         let mut count = 0;
-        // Each change of the probe in a message of its own.
+        // Each change of the probe needs its own message.
         while let Some(probe) = &mut probe
             && probe.advance()
         {

@@ -1,4 +1,4 @@
-//! A simulated set of CiA 402 drives behind the bus, with faults on demand.
+//! A simulated set of CiA 402 drives on the bus, with faults on demand.
 //!
 //! ```text
 //!   bus ── Setpoint ──► Follower ── target ──► Cia402 ── control word ──► SimDrive
@@ -6,16 +6,17 @@
 //!    └──── Feedback ◄── faults on demand ◄──────────────────────────────────┘
 //! ```
 //!
-//! [`SimBridge`] is the whole of it as a pure model: setpoints in by [`SimBridge::offer`], one period of the
-//! drives by [`SimBridge::step`], feedback out. Time comes in as an argument, so hours are simulated in
-//! seconds and the same inputs give the same feedback. [`run`] puts it on the bus, in real time, by a clock
-//! of the drives that may drift.
+//! [`SimBridge`] is the complete bridge as a pure model: [`SimBridge::offer`] takes setpoints, and
+//! [`SimBridge::step`] simulates one period of the drives and returns feedback. Time is an argument, so hours
+//! are simulated in seconds and the same inputs give the same feedback. [`run`] connects the model to the bus
+//! in real time, with a clock of the drives that may drift.
 //!
-//! A drive is a position loop of second order ([`Servo`]) behind the standard's state machine. It stops by
-//! its own ramp at a quick stop or a fault; without torque it is braked by friction. When one drive leaves
-//! operation the bridge stops the others quickly, so that axes follow together or not at all.
+//! A drive is the standard's state machine with a second-order position loop ([`Servo`]). It stops with its
+//! own ramp at a quick stop or a fault; without torque, friction stops it. When one drive leaves operation,
+//! the bridge quick-stops the others, so that the axes follow together or not at all.
 //!
-//! It knows only the bus, nothing else of the core, and may serve as a model for other bridges.
+//! The crate depends on the bus only, not on the rest of the core, and can serve as a model for other
+//! bridges.
 
 mod bridge;
 mod clock;

@@ -1,10 +1,10 @@
-//! Outputs that are wired to the inputs of the same numbers.
+//! Outputs wired to the inputs of the same numbers.
 
 use evolvent_bus::{ANALOG_SIGNALS, MachineInputs, MachineOutputs};
 
 use crate::input_messages::Signalling;
 
-/// The inputs that the outputs are wired to.
+/// Inputs that outputs are wired to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopbackInputs {
     /// Digital inputs, one bit each.
@@ -13,12 +13,13 @@ pub struct LoopbackInputs {
     pub analog: u32,
     /// Lowest and highest value of each analog input.
     pub ranges: [[f64; 2]; ANALOG_SIGNALS],
-    /// Digital inputs that are on besides, as a closed emergency-stop chain is; they win.
+    /// Digital inputs that are always on, for example a closed emergency-stop chain. They take precedence
+    /// over the outputs.
     pub closed: u64,
 }
 
 impl LoopbackInputs {
-    /// All, of any value: for a bridge without a machine file.
+    /// All inputs, with unlimited ranges: for a bridge without a machine file.
     #[must_use]
     pub fn all() -> Self {
         Self {
@@ -30,9 +31,9 @@ impl LoopbackInputs {
     }
 }
 
-/// Reads each digital and analog output back as the input of its number, where there is one: the core
-/// discards a message with an input that the machine file does not have. An analog value beyond the range of
-/// its input is at its end.
+/// Reads each digital and analog output back as the input of the same number, if that input exists: the core
+/// discards a message with an input that the machine file does not have. Analog values are clamped to the
+/// range of the input.
 #[must_use]
 pub fn loopback(inputs: LoopbackInputs) -> Signalling {
     Box::new(move |_, outputs: &MachineOutputs| {

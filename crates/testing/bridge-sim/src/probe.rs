@@ -1,44 +1,44 @@
-//! A simulated touch probe: a surface in the machine's space, a delay, bouncing contacts.
+//! A simulated touch probe: surfaces in machine coordinates, a delay, bouncing contacts.
 
 use std::str::FromStr;
 
 use evolvent_bus::{AXES, MachineInputs};
 
-/// Numbers of the states on the bus.
+/// Values of the probe's states on the bus.
 const OPEN: u32 = 1;
 const TRIPPED: u32 = 2;
 
-/// Where contact is made. Positions are true ones of the machine, mm.
+/// A surface that the probe can touch, in true machine positions, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Surface {
-    /// Beyond a coordinate of one axis: above it, or below it.
+    /// Contact above or below a coordinate of one axis.
     Plane {
         /// Index of the axis.
         axis: usize,
-        /// Where the plane is.
+        /// Coordinate of the plane.
         at: f64,
         /// Contact is made above it; otherwise below it.
         above: bool,
     },
-    /// Outside a bore along Z.
+    /// Contact outside a bore along Z.
     Bore {
         /// X and Y of the centre.
         centre: [f64; 2],
         /// Radius.
         radius: f64,
-        /// Its edge: above this Z there is no contact.
+        /// Z of its edge; there is no contact above it.
         top: f64,
     },
-    /// Inside a boss along Z.
+    /// Contact inside a boss along Z.
     Boss {
         /// X and Y of the centre.
         centre: [f64; 2],
         /// Radius.
         radius: f64,
-        /// Its face.
+        /// Z of its top face.
         top: f64,
     },
-    /// Inside a block.
+    /// Contact inside a block.
     Block {
         /// Lowest X, Y, Z.
         low: [f64; 3],
@@ -48,7 +48,7 @@ pub enum Surface {
 }
 
 impl Surface {
-    /// Whether a point touches it.
+    /// Whether a point touches the surface.
     #[must_use]
     pub fn touches(&self, position: &[f64; AXES]) -> bool {
         let from = |centre: &[f64; 2]| (position[0] - centre[0]).hypot(position[1] - centre[1]);
@@ -69,27 +69,26 @@ impl Surface {
     }
 }
 
-/// A probe.
+/// Settings of a probe.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ProbeSettings {
-    /// What it can touch.
+    /// Surfaces that it can touch.
     pub surfaces: Vec<Surface>,
-    /// From the contact until the message says so, ns. The time in the message is that of the contact, less
-    /// `unknown_delay_ns`.
+    /// Known part of the delay, ns: the message is sent this long after the time that it contains.
     pub delay_ns: u64,
-    /// By how much the time in the message is too late, ns: what nobody has measured.
+    /// Unknown part of the delay, ns: the time in the message is this much later than the contact.
     pub unknown_delay_ns: u64,
-    /// The drives latch their positions.
+    /// Whether the drives latch their positions at a contact.
     pub latches: bool,
-    /// Number of times that it opens and closes when it trips, one period each.
+    /// Number of times that the contact opens and closes again when the probe trips, one period each.
     pub bounces: u32,
-    /// It says nothing any more so long after its first contact, or after the start where that is none, ns.
+    /// Time from the first contact, or from the start before any contact, after which it stops sending, ns.
     pub lost_after_ns: Option<u64>,
 }
 
 /// `plane:X>12.5`, `plane:Z<-3`, `bore:CX,CY,DIAMETER,TOP`, `boss:CX,CY,DIAMETER,TOP` or
-/// `block:X1,X2,Y1,Y2,Z1,Z2`; several with `+` between them. Behind a `;` the rest, in any order: `delay=MS`,
-/// `late=MS`, `bounces=N`, `lost=MS`, `latched`.
+/// `block:X1,X2,Y1,Y2,Z1,Z2`; several separated by `+`. The other settings follow after a `;`, in any order:
+/// `delay=MS`, `late=MS`, `bounces=N`, `lost=MS`, `latched`.
 impl FromStr for ProbeSettings {
     type Err = String;
 
@@ -189,7 +188,7 @@ fn surface_of(text: &str) -> Result<Surface, String> {
     }
 }
 
-/// A change that nobody has been told of yet.
+/// A change that has not been reported yet.
 #[derive(Clone, Copy, Debug)]
 struct Change {
     tell_ns: u64,
@@ -198,7 +197,7 @@ struct Change {
     position: [f64; AXES],
 }
 
-/// The probe over time.
+/// A probe, simulated over time.
 #[derive(Clone, Debug)]
 pub struct SimProbe {
     settings: ProbeSettings,
@@ -212,7 +211,7 @@ pub struct SimProbe {
 }
 
 impl SimProbe {
-    /// A probe that has touched nothing yet.
+    /// Creates a probe without contact.
     #[must_use]
     pub fn new(settings: ProbeSettings) -> Self {
         Self {
@@ -227,8 +226,8 @@ impl SimProbe {
         }
     }
 
-    /// The true positions after one period; `shown` are those that the encoders name. Between two periods the
-    /// axes move straight, and the contact is found on the way.
+    /// Takes the true positions after one period, and the positions `shown` by the encoders. Axes move along
+    /// a straight line between two periods, and the contact is located on this line.
     pub fn step(&mut self, now_ns: u64, position: &[f64; AXES], shown: &[f64; AXES]) {
         self.begin_ns.get_or_insert(now_ns);
         self.now_ns = now_ns;
@@ -282,7 +281,7 @@ impl SimProbe {
         self.before = Some((now_ns, *position, is_now));
     }
 
-    /// Goes on to the next change that is to be told by now; whether there was one.
+    /// Advances to the next change that is due to be reported. Returns whether there was one.
     pub fn advance(&mut self) -> bool {
         let is_due = self
             .changes
@@ -295,7 +294,7 @@ impl SimProbe {
         is_due
     }
 
-    /// Says in a message what it is.
+    /// Writes the state of the probe into a message.
     pub fn describe(&self, message: &mut MachineInputs) {
         let since = if self.settings.surfaces.is_empty() {
             self.begin_ns
@@ -352,7 +351,7 @@ mod tests {
             "{}",
             message.probe_time_ns
         );
-        // By the names that the encoders give.
+        // In the coordinates that the encoders show.
         assert!((message.probe_position[2] - 7.0).abs() < 1e-9);
     }
 

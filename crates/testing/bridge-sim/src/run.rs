@@ -18,66 +18,66 @@ use crate::probe::{ProbeSettings, SimProbe};
 use crate::settings::SimSettings;
 use crate::spindle::{SimSpindle, SpindleSimulation};
 
-/// Time without a setpoint after which the connection is made again: the core may be another one.
+/// Time without a setpoint after which the bridge reconnects: another core may have started.
 const RECONNECT_NS: u64 = 1_000_000_000;
-/// How long one attempt to find the core may take.
+/// Time limit of one attempt to find the core.
 const ATTEMPT: Duration = Duration::from_millis(5);
-/// Ticks that a late wake-up catches up with, ns; what is further behind is left out.
+/// Delay up to which a late wake-up catches up with the ticks, ns; older ticks are skipped.
 const CATCH_UP_NS: u64 = 200_000_000;
-/// Number of a load that is a force.
+/// Kind of a load that is a force.
 const FORCE_N: u32 = 1;
-/// Longest nap, ns.
+/// Maximum sleep, ns.
 const POLL_INTERVAL_NS: u64 = 1_000_000;
 
-/// How a bridge is run.
+/// Settings of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunSettings {
     /// The machine's name.
     pub machine_name: String,
-    /// iceoryx2's prefix, as of the core.
+    /// iceoryx2's prefix, the same as the core's.
     pub prefix: Option<String>,
-    /// The drives; where there are none, usual ones for the axes and the period that the core names.
+    /// The drives; if `None`, default drives for the axes and the period of the core.
     pub drives: Option<SimSettings>,
-    /// Faults, where usual drives are taken.
+    /// Faults of the default drives.
     pub faults: Vec<crate::Fault>,
     /// Spindles whose feedback is sent every period.
     pub spindles: Vec<SpindleSimulation>,
-    /// The probe, where there is one. Its messages need [`Signalling`].
+    /// The probe, if there is one. Its messages need [`Signalling`].
     pub probe: Option<ProbeSettings>,
-    /// By how much the drives' periods are longer than the core's.
+    /// Excess of the drives' period over the core's, ppm.
     pub drift_ppm: f64,
-    /// Ends by itself after so long; never if none.
+    /// Duration of the run; unlimited if `None`.
     pub duration: Option<Duration>,
 }
 
-/// What a bridge did.
+/// Counts of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SimReport {
-    /// Periods of the drives.
+    /// Number of periods of the drives.
     pub periods: u64,
-    /// Setpoints that arrived.
+    /// Number of setpoints received.
     pub setpoints: u64,
-    /// Setpoints that were missing, late or refused.
+    /// Number of setpoints that were missing, late or refused.
     pub missed: u32,
-    /// Feedback that was sent.
+    /// Number of feedback messages sent.
     pub answers: u64,
-    /// Cutting loads that were sent.
+    /// Number of cutting loads sent.
     pub loads: u64,
-    /// Messages of inputs that were sent.
+    /// Number of messages of inputs sent.
     pub inputs: u64,
-    /// Messages of spindles that were sent.
+    /// Number of messages of spindles sent.
     pub spindles: u64,
-    /// Times at which a core was found.
+    /// Number of times that a core was found.
     pub connections: u32,
 }
 
 /// Why a bridge cannot run.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum RunError {
-    /// The bus does not fit.
+    /// The bus cannot be used.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// A limit is none.
+    /// A limit is invalid.
     #[error(transparent)]
     Settings(#[from] SettingsError),
 }
@@ -93,15 +93,15 @@ struct Ports {
     _client: ClientBus,
 }
 
-/// What the axes cut, asked once a period: a reading of the load sensor, and the end of its range. None for
-/// no reading.
+/// The simulated cut, called once a period with the true positions of the axes. Returns the reading of the
+/// load sensor and the end of its range, or `None` for no reading.
 pub type Cutting = Box<dyn FnMut(&[f64; AXES]) -> Option<(f64, f64)>>;
 
-/// As [`run_cutting`], with axes that cut nothing; `on_core` is called with axes and period each time a core
-/// is found.
+/// Like [`run_cutting`] without a cut. `on_core` is called with the axes and the period in ns each time a
+/// core is found.
 ///
 /// # Errors
-/// As there.
+/// As for [`run_cutting`].
 pub fn run(
     settings: &RunSettings,
     stop: &AtomicBool,
@@ -115,14 +115,14 @@ pub fn run(
     run_cutting(settings, stop, tell, |_| None, None)
 }
 
-/// Runs until `stop` is set or time is up. Waits for its core as long as that takes, outlives it, and finds
-/// the next one. `tell` receives what should be known at once; `cutting` is called once a core is found, with
-/// the period in ns: what the true positions of the axes cut from then on, of which the load is published
-/// every period. `signalling` reads the inputs, where there are any; they are sent when they change, and
+/// Runs until `stop` is set or the duration is over. Waits for a core without a time limit, keeps running
+/// when the core ends, and connects to the next one. `tell` receives the events. `cutting` is called once,
+/// when a core is found, with the period in ns; the cut that it returns is evaluated every period and its
+/// load is published. `signalling` reads the inputs, if there are any; they are sent when they change, and
 /// every 5 ms.
 ///
 /// # Errors
-/// The core does not fit the drives, the bus cannot be used, or a limit is none.
+/// The core does not fit the drives, the bus cannot be used, or a limit is invalid.
 pub fn run_cutting(
     settings: &RunSettings,
     stop: &AtomicBool,
@@ -165,7 +165,8 @@ pub fn run_cutting(
         if clock.next_ns().saturating_add(CATCH_UP_NS) < now_ns {
             clock.skip_to(now_ns);
         }
-        // Whatever has come was there at the next tick: a late wake-up of this thread makes no setpoint late.
+        // Received messages count as received by the next tick: a late wake-up of this thread must not make a
+        // setpoint late.
         let is_broken = machine.receive(bridge, clock.next_ns(), now_ns);
         while clock.next_ns() <= now_ns {
             machine.step(bridge, clock.tick());
@@ -185,11 +186,11 @@ pub fn run_cutting(
     Ok(machine.report)
 }
 
-/// What is beside the drives, and the ports of all.
+/// All of the machine but the drives, and the ports.
 struct SimMachine<'a> {
     settings: &'a RunSettings,
     ports: Option<Ports>,
-    /// When the core was heard last.
+    /// Time of the last message of the core.
     heard_ns: u64,
     setpoint: Option<Setpoint>,
     outputs: OutputFollower,
@@ -219,8 +220,8 @@ impl<'a> SimMachine<'a> {
         }
     }
 
-    /// Axes and period of a core that was found now. `may_cut` says that there may be cutting once its period
-    /// is known.
+    /// Looks for a core and returns the axes and the period of one that it finds. `may_cut` says that a cut
+    /// may follow once the period is known.
     fn find_core(&mut self, may_cut: bool) -> Result<Option<(String, u64)>, RunError> {
         if self.ports.is_some() {
             return Ok(None);
@@ -238,7 +239,7 @@ impl<'a> SimMachine<'a> {
         }
     }
 
-    /// Takes what the core has sent; whether the connection is broken.
+    /// Receives the messages of the core. Returns whether the connection is broken.
     fn receive(&mut self, bridge: &mut SimBridge, tick_ns: u64, now_ns: u64) -> bool {
         let Some(ports) = &mut self.ports else {
             return false;
@@ -260,7 +261,7 @@ impl<'a> SimMachine<'a> {
             }
         };
         if let Some(reader) = &mut ports.outputs {
-            // What comes damaged is followed by a message that is complete.
+            // A damaged message is followed by a complete one.
             while let Ok(Some(message)) = reader.receive() {
                 let _damaged = self.outputs.offer(now_ns, &message);
             }
@@ -268,7 +269,7 @@ impl<'a> SimMachine<'a> {
         is_broken
     }
 
-    /// One period of the drives. What does not leave is replaced by the message of the next.
+    /// Simulates one period of the drives. A message that is not sent is replaced by that of the next period.
     fn step(&mut self, bridge: &mut SimBridge, tick_ns: u64) {
         self.report.periods += 1;
         let in_force = self.outputs.step(tick_ns);
@@ -312,7 +313,7 @@ impl<'a> SimMachine<'a> {
         }
     }
 
-    /// Closes the ports where the core has gone: the next may have others.
+    /// Closes the ports if the core has ended: the next core may have others.
     fn leave_lost_core(&mut self, is_broken: bool, now_ns: u64) {
         if is_broken || now_ns.saturating_sub(self.heard_ns) > RECONNECT_NS {
             self.heard_ns = now_ns;
@@ -321,7 +322,7 @@ impl<'a> SimMachine<'a> {
     }
 }
 
-/// A force at the tool, as a sensor of the user.
+/// A force at the tool, as a sensor of the user would send it.
 fn load(sequence: u64, time_ns: u64, (value, range_max): (f64, f64)) -> Load {
     Load {
         sequence,
@@ -375,7 +376,7 @@ fn drives(settings: &RunSettings, letters: &str, period_ns: u64, instance: u64) 
         .drives
         .clone()
         .unwrap_or_else(|| SimSettings::usual(letters, period_ns));
-    // The core may run at another rate than its machine file says.
+    // The core may run at a rate other than that of its machine file.
     drives.period_ns = period_ns;
     drives.faults.extend(settings.faults.iter().copied());
     drives.instance = instance;

@@ -1,21 +1,21 @@
 //! The position loop of a drive with its axis: a system of second order.
 
-/// How a position loop behaves.
+/// Settings of a position loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ServoSettings {
     /// Undamped natural frequency, Hz.
     pub natural_frequency_hz: f64,
     /// Damping ratio: 1 is critical.
     pub damping: f64,
-    /// Share of the target's velocity that is fed forward, 0 to 1. At constant velocity the axis trails by
-    /// `2 damping (1 - share) / (2 pi f)` seconds.
+    /// Fraction of the target's velocity that is fed forward, 0 to 1. At constant velocity the axis lags by
+    /// `2 damping (1 - feed_forward) / (2 pi f)` seconds.
     pub feed_forward: f64,
-    /// The most that motor and axis can do, mm/s2 or degrees/s2.
+    /// Maximum acceleration of motor and axis, mm/s2 or degrees/s2.
     pub strongest: f64,
 }
 
 impl Default for ServoSettings {
-    /// 40 Hz, nearly critical, most of the velocity fed forward.
+    /// 40 Hz, nearly critical damping, most of the velocity fed forward.
     fn default() -> Self {
         Self {
             natural_frequency_hz: 40.0,
@@ -26,7 +26,7 @@ impl Default for ServoSettings {
     }
 }
 
-/// `x'' = w^2 (target - x) + 2 zeta w (share target' - x')`, bounded by what the motor can do.
+/// `x'' = w^2 (target - x) + 2 zeta w (feed_forward target' - x')`, limited to the maximum acceleration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Servo {
     /// Position.
@@ -38,7 +38,7 @@ pub struct Servo {
 }
 
 impl Servo {
-    /// At rest.
+    /// An axis at rest.
     #[must_use]
     pub const fn at(position: f64) -> Self {
         Self {
@@ -48,8 +48,8 @@ impl Servo {
         }
     }
 
-    /// One period, in which the target moves evenly from `from` to `to`. Runge-Kutta of fourth order, in
-    /// steps of less than a tenth of a radian of the natural frequency.
+    /// Simulates one period in which the target moves from `from` to `to` at constant velocity. Fourth-order
+    /// Runge-Kutta in steps of less than a tenth of a radian of the natural frequency.
     pub fn step(&mut self, settings: &ServoSettings, from: f64, to: f64, period_s: f64) {
         let w = core::f64::consts::TAU * settings.natural_frequency_hz;
         let steps = (10.0 * w * period_s).ceil().clamp(1.0, 1000.0);

@@ -1,4 +1,4 @@
-//! What is simulated.
+//! Settings of the simulated axes.
 
 use evolvent_bus::AXES;
 use evolvent_drive::{FollowerSettings, bridge_cycles};
@@ -7,27 +7,27 @@ use evolvent_path::AxisMask;
 use crate::fault::Fault;
 use crate::servo::ServoSettings;
 
-/// Time from the edge of a switch to the reaction of the core, s: the difference that homing permits between
-/// two inputs.
+/// Time from the edge of a switch to the reaction of the core, s: the delay that homing permits between two
+/// inputs.
 const REPORT_S: f64 = 0.06;
 
 /// Index pulses of an encoder, by true positions; mm or degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimIndex {
-    /// Of one of them.
+    /// Position of one pulse.
     pub position: f64,
-    /// From one to the next.
+    /// Distance between pulses.
     pub pitch: f64,
 }
 
 impl SimIndex {
-    /// The first pulse on the way from one position to another.
+    /// The first pulse between two positions, in the direction of motion.
     #[must_use]
     pub fn between(&self, from: f64, to: f64) -> Option<f64> {
         let turns = (from - self.position) / self.pitch;
         let at = |turn: f64| self.position + turn * self.pitch;
         if to > from {
-            // The pulse at the start belongs to the way before.
+            // A pulse at the start belongs to the preceding motion.
             Some(at(turns.floor() + 1.0)).filter(|pulse| *pulse <= to)
         } else {
             Some(at(turns.ceil() - 1.0)).filter(|pulse| *pulse >= to)
@@ -40,30 +40,30 @@ impl SimIndex {
 pub struct SimAxis {
     /// Index into X Y Z A B C U V W.
     pub axis: usize,
-    /// Largest velocity.
+    /// Maximum velocity.
     pub max_velocity: f64,
-    /// Largest acceleration.
+    /// Maximum acceleration.
     pub max_acceleration: f64,
-    /// Largest jerk.
+    /// Maximum jerk.
     pub max_jerk: f64,
-    /// Lowest position; the limit switch lies a little below, and below the home switch and its pulse.
+    /// Lowest position. The limit switch is slightly below it, and below the home switch and its pulse.
     pub travel_min: f64,
-    /// Highest position; the limit switch lies a little above, and above the home switch and its pulse.
+    /// Highest position. The limit switch is slightly above it, and above the home switch and its pulse.
     pub travel_max: f64,
-    /// Where the axis stands at the start.
+    /// Position of the axis at the start.
     pub start: f64,
-    /// By how much the positions that the encoder names are too large, until homing puts that right.
+    /// Offset of the encoder's positions from the true ones, until homing corrects it.
     pub reference_offset: f64,
-    /// Where the home switch closes.
+    /// Position at which the home switch closes.
     pub home_switch: f64,
-    /// Whether it is pressed beyond that towards smaller coordinates; otherwise towards larger ones.
+    /// Whether the switch is closed below this position; otherwise above it.
     pub home_switch_is_below: bool,
-    /// Velocity of the search for it.
+    /// Velocity of the search for the home switch.
     pub search_velocity: f64,
-    /// Whether switch and pulses come again every turn, and there are no limit switches: an unlimited rotary
-    /// axis.
+    /// Whether this is an unlimited rotary axis: switch and pulses repeat every turn, and there are no limit
+    /// switches.
     pub unlimited: bool,
-    /// Where the encoder has an index pulse, and every how far another, where it has any.
+    /// Index pulses of the encoder, if it has any.
     pub index: Option<SimIndex>,
     /// The smallest step that the encoder shows.
     pub encoder_step: f64,
@@ -72,7 +72,7 @@ pub struct SimAxis {
 }
 
 impl SimAxis {
-    /// An axis of one metre with usual dynamics, for a machine of which nothing is known but its letters.
+    /// An axis of one metre with typical dynamics, for a machine of which only the letters are known.
     #[must_use]
     pub fn usual(axis: usize) -> Self {
         Self {
@@ -97,8 +97,8 @@ impl SimAxis {
         }
     }
 
-    /// Where the limit switches are pressed: from the first downwards, from the second upwards. The one of
-    /// the home switch lies beyond what homing needs, also where that is beyond the travel.
+    /// Positions of the limit switches: the first is closed below its position, the second above. The limit
+    /// switch next to the home switch is beyond the range of homing, even if that range exceeds the travel.
     #[must_use]
     pub fn limit_switches(&self) -> [f64; 2] {
         let margin = (0.02 * (self.travel_max - self.travel_min)).min(5.0);
@@ -115,10 +115,10 @@ impl SimAxis {
         [low - margin, high + margin]
     }
 
-    /// How far a search goes on after the switch has closed.
+    /// Distance that a search continues after the switch has closed.
     fn search_overrun(&self) -> f64 {
         let velocity = self.search_velocity;
-        // The stop of a motion limited in jerk takes v / a + a / j at most, half of the velocity on average.
+        // A jerk-limited stop takes at most v / a + a / j, at half of the velocity on average.
         let stop_s = velocity / self.max_acceleration + self.max_acceleration / self.max_jerk;
         velocity * (REPORT_S + 0.5 * stop_s)
     }
@@ -131,21 +131,22 @@ pub struct SimSettings {
     pub period_ns: u64,
     /// The axes.
     pub axes: Vec<SimAxis>,
-    /// For how many periods the last motion goes on where setpoints are missing; as every bridge if `None`.
+    /// Number of periods for which the last motion continues without setpoints; the default of all bridges if
+    /// `None`.
     pub bridge_cycles: Option<u32>,
-    /// How far from the axis a setpoint may lie with which following begins. The axis goes there within its
-    /// limits.
+    /// Maximum distance between an axis and the setpoint at which following begins. The axis moves to the
+    /// setpoint within its limits.
     pub sync_tolerance: f64,
-    /// What goes wrong, and when.
+    /// Scheduled faults.
     pub faults: Vec<Fault>,
-    /// Whether the encoders are absolute: their positions count from the machine's zero at every start.
+    /// Whether the encoders are absolute, so that their positions refer to the machine's zero at every start.
     pub absolute: bool,
-    /// Told in every feedback; another for each start of a bridge.
+    /// Instance number in every feedback; different for each start of a bridge.
     pub instance: u64,
 }
 
 impl SimSettings {
-    /// Axes of a machine of which nothing is known but their letters.
+    /// Typical axes for a machine of which only the letters are known.
     #[must_use]
     pub fn usual(letters: &str, period_ns: u64) -> Self {
         let index = |letter: char| "XYZABCUVW".find(letter);
@@ -160,7 +161,7 @@ impl SimSettings {
         }
     }
 
-    /// Its axes.
+    /// The set of axes.
     #[must_use]
     pub fn axes_mask(&self) -> AxisMask {
         self.axes
@@ -173,7 +174,7 @@ impl SimSettings {
     pub(crate) fn follower(&self) -> FollowerSettings {
         let mut settings = FollowerSettings {
             period_ns: self.period_ns,
-            // Of the period that the core runs at, which its machine file need not have.
+            // Depends on the period of the running core, which may differ from its machine file.
             bridge_cycles: self
                 .bridge_cycles
                 .unwrap_or_else(|| bridge_cycles(self.period_ns)),
@@ -212,7 +213,7 @@ mod tests {
         let [low, high] = axis.limit_switches();
         assert_eq!(low, -100.0 - margin);
         assert!((high - (10.85 + overrun + margin)).abs() < 1e-12, "{high}");
-        // Within the travel nothing changes.
+        // A home switch within the travel does not move the limit switches.
         (axis.home_switch, axis.home_switch_is_below) = (-50.0, true);
         assert_eq!(axis.limit_switches(), [-100.0 - margin, 2.54 + margin]);
         axis.home_switch = -120.0;

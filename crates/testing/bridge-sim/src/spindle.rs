@@ -1,4 +1,4 @@
-//! A simulated spindle: inertia, an encoder with an index pulse, and speed that is not quite even.
+//! A simulated spindle: inertia, an encoder with an index pulse, and a speed ripple.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -7,37 +7,38 @@ use evolvent_bus::{MachineOutputs, SpindleFeedback, spindle_flags};
 
 use crate::fault::FaultKind;
 
-/// Of the commanded speed, as which it counts as reached.
+/// Deviation within which the commanded speed counts as reached, as a ratio of it.
 const AT_SPEED_RATIO: f64 = 0.02;
-/// Below this speed it stands, rpm.
+/// Speed below which the spindle is at standstill, rpm.
 const STANDING_RPM: f64 = 1e-6;
-/// Speed at which it turns to an angle, rpm.
+/// Speed of orientation, rpm.
 const ORIENT_RPM: f64 = 60.0;
-/// How near the angle it has to stand, turns.
+/// Tolerance of orientation, turns.
 const ORIENTED_TURNS: f64 = 1e-4;
-/// What is left of the speed of a spindle that cannot keep it.
+/// Ratio of the speed at the fault `spindle-slow`.
 const SLOW_RATIO: f64 = 0.5;
-/// How much harder than its drive a seized tool brakes it.
+/// Deceleration of a stalled spindle, as a multiple of its drive's.
 const STALL_FACTOR: f64 = 20.0;
 const NUMBERS: [u32; 3] = [0, 1, 2];
 
-/// What is simulated.
+/// Settings of a simulated spindle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpindleSimulation {
     /// Number of the spindle in programs and on the bus.
     pub number: u32,
-    /// By how much its speed changes, rpm per second: its drive's torque over its inertia.
+    /// Acceleration, rpm per second: the torque of its drive divided by its inertia.
     pub acceleration_rpm_s: f64,
-    /// By how much its speed varies three times a turn, as a ratio.
+    /// Amplitude of the speed ripple, three cycles per turn, as a ratio of the speed.
     pub ripple: f64,
-    /// Steps of its encoder a turn.
+    /// Encoder counts per turn.
     pub counts: u32,
-    /// How old its feedback is when it is sent, ns. The time stamp is right.
+    /// Age of the feedback when it is sent, ns. Its time stamp is correct.
     pub delay_ns: u64,
 }
 
 impl SpindleSimulation {
-    /// 1000 rpm in half a second, an encoder of 4096 steps, even speed, no delay.
+    /// A spindle that reaches 1000 rpm in half a second, with an encoder of 4096 counts, no ripple and no
+    /// delay.
     #[must_use]
     pub const fn usual(number: u32) -> Self {
         Self {
@@ -60,16 +61,16 @@ pub struct SimSpindle {
     turns: f64,
     /// Speed without ripple, rpm, negative counter-clockwise.
     speed_rpm: f64,
-    /// Where its index pulse lies, turns.
+    /// Angle of its index pulse, turns.
     index: f64,
-    /// The farthest that it has turned either way since the start.
+    /// Extreme angles since the start, turns.
     swept: [f64; 2],
     sequence: u64,
     delayed: VecDeque<SpindleFeedback>,
 }
 
 impl SimSpindle {
-    /// Standing, with its index pulse somewhere ahead.
+    /// Creates a spindle at rest that has not passed its index pulse.
     #[must_use]
     pub fn new(simulation: SpindleSimulation, instance: u64) -> Self {
         Self {
@@ -97,7 +98,7 @@ impl SimSpindle {
         self.speed_rpm * (1.0 + self.simulation.ripple * (3.0 * TAU * self.turns).sin())
     }
 
-    /// Goes on to a time by the outputs in force; what its bridge sends then, if it sends anything.
+    /// Advances to `now_ns` with the outputs in force. Returns the message that its bridge sends, if any.
     pub fn step(
         &mut self,
         now_ns: u64,
@@ -151,7 +152,7 @@ impl SimSpindle {
         ];
         let flags = flags.into_iter().filter(|(is_set, _)| *is_set);
         let counts = f64::from(self.simulation.counts.max(1));
-        // The middle of a count, as bridges to encoders tell it.
+        // Bridges report the middle of a count.
         let shown = ((self.angle() * counts).floor() + 0.5) / counts;
         let message = SpindleFeedback {
             time_ns: now_ns,
@@ -177,13 +178,13 @@ impl SimSpindle {
         Some(sent)
     }
 
-    /// Whether it has come by its index pulse.
+    /// Whether it has passed its index pulse.
     fn is_indexed(&self) -> bool {
         let [lowest, highest] = self.swept;
         (highest - self.index).floor() >= (lowest - self.index).ceil()
     }
 
-    /// Turns towards its angle by so many turns at the most; whether it stands there.
+    /// Turns towards the commanded angle by at most `most` turns. Returns whether the spindle is oriented.
     fn turn_to(&mut self, outputs: &MachineOutputs, slot: usize, most: f64) -> bool {
         let target = outputs.spindle_angle.get(slot).copied().unwrap_or(0.0) / 360.0;
         let ahead = (target - self.angle()).rem_euclid(1.0);
@@ -216,7 +217,7 @@ mod tests {
         outputs
     }
 
-    /// Milliseconds from here until it says so, and the message that does.
+    /// Milliseconds until a message meets the condition, and that message.
     fn until(
         spindle: &mut SimSpindle,
         from_ms: u64,
@@ -264,7 +265,7 @@ mod tests {
             last = Some(message);
         }
         assert_eq!(seen, 4999);
-        // 600 rpm: 10 turns a second, less the way to the speed.
+        // 600 rpm: 10 turns a second, less the loss during acceleration.
         assert!((45.0..50.0).contains(&spindle.angle()), "{}", spindle.angle());
     }
 

@@ -1,5 +1,5 @@
-//! Faults of the bridge at random moments: the core's watch raises the right alarm, everything comes to rest,
-//! within the limits. Core and drives as pure models, by simulated time.
+//! Faults of the bridge at random moments: the core's watch raises the right alarm, and all axes stop within
+//! the limits. Core and drives are pure models in simulated time.
 #![expect(
     clippy::expect_used,
     reason = "helpers of tests fail as tests do, and tell their seed"
@@ -31,7 +31,8 @@ fn settings() -> SimSettings {
     settings
 }
 
-/// A core that waits for its drives, moves three axes for ever, and stops each within its limits at an alarm.
+/// A core that waits for its drives, moves three axes without end, and stops each within its limits at an
+/// alarm.
 struct Core {
     watch: FeedbackWatch,
     cycle: u64,
@@ -72,7 +73,7 @@ impl Core {
         }
     }
 
-    /// One cycle at `now_ns`; the newest feedback in, the setpoint out.
+    /// Runs one cycle at `now_ns`: takes the newest feedback and returns the setpoint.
     fn cycle(&mut self, now_ns: u64, feedback: Option<&Feedback>) -> Setpoint {
         if let Some((since, brakes)) = &self.stop {
             let time_s = (self.cycle - since) as f64 * PERIOD_S;
@@ -123,16 +124,17 @@ impl Core {
 
 struct Outcome {
     alarm: Option<DriveAlarm>,
-    /// Between the fault and the alarm, ns.
+    /// Time from the fault to the alarm, ns.
     noticed_ns: u64,
     /// Speed of each axis at the end.
     speed: [f64; 3],
-    /// Largest velocity and acceleration of the axes as shares of the limits.
+    /// Maximum velocity and acceleration of the axes as fractions of the limits.
     shares: [f64; 2],
     states: Vec<DriveState>,
 }
 
-/// A run with one fault; both sides by their own clocks, the drives' half a period off and drifting.
+/// Runs with one fault. Both sides have their own clocks; that of the drives is off by half a period and
+/// drifts.
 fn run(fault: Option<Fault>, seconds: f64) -> Outcome {
     let mut bridge = SimBridge::new(&settings()).expect("limits");
     bridge.add_fault(fault.unwrap_or(Fault {
@@ -156,7 +158,7 @@ fn run(fault: Option<Fault>, seconds: f64) -> Outcome {
     let mut velocity = [0.0; 3];
     for cycle in 0..(seconds / PERIOD_S) as u64 {
         let now_ns = 1_000_000_000 + cycle * PERIOD_NS;
-        // What was sent a period ago is there now.
+        // Messages arrive one period after they were sent.
         let newest = on_the_way.drain(..).next_back();
         let setpoint = core.cycle(now_ns, newest.as_ref());
         bridge.offer(now_ns, &setpoint);
@@ -196,8 +198,8 @@ fn a_minute_without_faults_has_no_alarm() {
     );
 }
 
-/// Following begins beside the setpoints by less than the following error: the core moves nothing until most
-/// of that is gone.
+/// Following begins at a distance from the setpoints that is less than the following error: the core moves no
+/// axis until most of the distance is gone.
 #[test]
 fn a_core_beside_its_axes_waits_until_they_have_come() {
     let floor = WatchSettings::new(PERIOD_NS, AxisMask::NONE).following_floor[0];
@@ -215,7 +217,7 @@ fn a_core_beside_its_axes_waits_until_they_have_come() {
             if core.moving_since == Some(core.cycle) {
                 let far = (base - bridge.true_positions()[0]).abs();
                 assert!(far <= 0.5 * floor, "{base}: moves {far} mm beside its axes");
-                // The decay takes 0.15 s at most, and half of it is over after half of it.
+                // The decay takes at most 0.15 s, and half of the distance is gone after half of the time.
                 let waited = cycle - followed_from.expect("a bridge that follows");
                 assert!(waited < 100, "{base}: waits for {waited} ms");
                 assert_eq!(waited > 20, base.abs() > 0.5 * floor, "{base}: {waited} ms");
@@ -228,7 +230,7 @@ fn a_core_beside_its_axes_waits_until_they_have_come() {
     }
 }
 
-/// Whether an alarm is the right name for a fault of an axis.
+/// Whether an alarm is the right one for a fault of an axis.
 fn is_right(kind: FaultKind, axis: usize, alarm: &DriveAlarm) -> bool {
     match kind {
         FaultKind::Late | FaultKind::Silent => matches!(alarm, DriveAlarm::Stale { .. }),
@@ -305,7 +307,7 @@ fn a_fault_of_one_drive_stops_the_others_quickly() {
     );
 }
 
-/// Setpoints that stop for ever, at random moments: the bridge alone brings the axes to rest.
+/// The setpoints end at random moments: the bridge alone stops the axes.
 #[test]
 fn drives_stop_by_themselves_when_the_core_dies() {
     let mut random = Random::new();
@@ -398,7 +400,7 @@ fn a_load_sensor_fails_as_configured() {
                 FaultKind::LoadNan => read.is_some_and(|(value, _)| value.is_nan()),
                 FaultKind::LoadSaturated => read == Some((5000.0, 5000.0)),
                 FaultKind::LoadNegative => read == Some((-5000.0, 5000.0)),
-                // The one of its first moment.
+                // The value at its first moment.
                 _ => read == Some((value - f64::from(faulty - 1), 5000.0)),
             };
             assert!(as_told, "{name}: {read:?} for {value}");

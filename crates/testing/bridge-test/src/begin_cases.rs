@@ -1,4 +1,4 @@
-//! The cases of the beginning: where the first setpoint is, and where the axes are.
+//! The cases of the beginning: the first setpoint is near the axes or far from them.
 
 use evolvent_drive::{DriveState, PowerRequest};
 
@@ -6,14 +6,14 @@ use crate::case::{CaseError, Stage};
 use crate::cases::{CLOSE, Judged, demand, extent, follows, stands, up};
 use crate::test_core::{Fate, LATEST_S, PERIOD_NS, Seen, TestCore, is_following, states};
 
-/// From where on a setpoint is elsewhere, mm: a bridge may begin within 1 mm, and a drive may hold that
-/// little besides its position.
+/// Distance from which on a setpoint counts as elsewhere, mm: a bridge may begin within 1 mm, and a drive may
+/// hold its position with an error of `CLOSE`.
 pub(crate) const ELSEWHERE: f64 = 1.0 + CLOSE;
 /// Speed of setpoints that pass by, mm/s.
 const PASSING: f64 = 20.0;
-/// How far beside the axes setpoints begin, mm: most bridges begin there.
+/// Distance between axes and first setpoint at which most bridges begin, mm.
 const BESIDE: f64 = 0.4;
-/// Acceleration of an axis that gets there as fast as any can, mm/s2: 2 g.
+/// Acceleration of the fastest axis that is permitted, mm/s2: 2 g.
 const HARDEST: f64 = 20_000.0;
 
 pub(crate) fn begin(stage: &mut Stage<'_>) -> Judged {
@@ -28,7 +28,8 @@ pub(crate) fn begin(stage: &mut Stage<'_>) -> Judged {
         let here = silence(&mut core)?.position[axis];
         begins_elsewhere(&mut core, 0.6, axis, here + off)?;
     }
-    // The drives are off, and on again: by the position that the bridge reports while they are off.
+    // The drives are off, and on again: the reference is the position that the bridge reports while they are
+    // off.
     core.request(PowerRequest::Off);
     let here = core.until("drives out of operation", LATEST_S, |feedback| {
         stands(feedback) && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
@@ -52,8 +53,7 @@ pub(crate) fn begin(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
-/// Setpoints at rest that begin elsewhere for an axis: the bridge neither moves nor says that it follows
-/// them.
+/// Setpoints at rest begin elsewhere for an axis: the bridge neither moves nor reports that it follows them.
 fn begins_elsewhere(core: &mut TestCore, seconds: f64, axis: usize, position: f64) -> Judged {
     core.rest_with(seconds, &mut |setpoint| {
         setpoint.position[axis] = position;
@@ -72,7 +72,7 @@ fn begins_elsewhere(core: &mut TestCore, seconds: f64, axis: usize, position: f6
 
 pub(crate) fn begin_beside(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
-    // Where drives come into operation, and where a bridge holds its axes without setpoints.
+    // When drives come into operation, and when a bridge holds its axes without setpoints.
     for (axis, off, by_power) in [
         (0, BESIDE, true),
         (1, -BESIDE, false),
@@ -96,7 +96,7 @@ pub(crate) fn begin_beside(stage: &mut Stage<'_>) -> Judged {
         core.request(PowerRequest::On);
         let _before = core.take_log();
         core.rest(0.3);
-        // One that does not begin so far from its axes holds them.
+        // A bridge that does not begin at this distance holds its axes.
         core.until(
             "the axis at its setpoints, or not following",
             LATEST_S,
@@ -113,11 +113,11 @@ pub(crate) fn begin_beside(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
-/// The axis takes at least the time of its hardest acceleration, and so does its target as far as the bridge
-/// declares the following error.
+/// The axis takes at least the time that `HARDEST` permits. So does its target, if the bridge declares the
+/// following error.
 fn judge_way(log: &[Seen], axis: usize, from: f64, off: f64) -> Judged {
-    // From a tenth to nine tenths of the way, accelerated over its first half and decelerated over the
-    // second.
+    // From a tenth to nine tenths of the distance, with acceleration over its first half and deceleration
+    // over the second.
     let min_s = 2.0 * (1.0 - 0.2_f64.sqrt()) * (off.abs() / HARDEST).sqrt();
     for (what, declared) in [("axis", 0.0), ("target of axis", 1.0)] {
         let mut left_ns = 0;

@@ -1,4 +1,4 @@
-//! The bridge under test: something that can be started, ended and perhaps killed.
+//! The bridge under test, which can be started, ended and perhaps killed.
 
 use core::time::Duration;
 use std::process::{Child, Command, Stdio};
@@ -18,31 +18,32 @@ pub struct StartError {
     cause: String,
 }
 
-/// A bridge that the suite can handle.
+/// A bridge that the suite can test.
 pub trait BridgeUnderTest {
-    /// Starts it on the bus of a machine; it waits for its core by itself.
+    /// Starts the bridge on the bus of a machine; it waits for its core by itself.
     ///
     /// # Errors
-    /// It cannot be started.
+    /// The bridge cannot be started.
     fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError>;
 
-    /// Ends it in good order.
+    /// Ends the bridge cleanly.
     fn end(&mut self);
 
-    /// Kills it without any chance to clean up (SIGKILL).
+    /// Kills the bridge without any chance to clean up (SIGKILL).
     fn kill(&mut self);
 
-    /// Whether it can be killed.
+    /// Whether the bridge can be killed.
     fn can_be_killed(&self) -> bool {
         true
     }
 
-    /// Whether it runs.
+    /// Whether the bridge is running.
     fn is_running(&mut self) -> bool;
 }
 
-/// A command. `{name}` and `{prefix}` in its arguments stand for the machine's name and iceoryx2's prefix;
-/// both are in the environment too, as `EVOLVENT_MACHINE_NAME` and `EVOLVENT_BUS_PREFIX`.
+/// A bridge that is started by a command. `{name}` and `{prefix}` in its arguments stand for the machine's
+/// name and iceoryx2's prefix. The environment has both as well, as `EVOLVENT_MACHINE_NAME` and
+/// `EVOLVENT_BUS_PREFIX`.
 #[derive(Debug)]
 pub struct ProcessBridge {
     command: Vec<String>,
@@ -50,7 +51,7 @@ pub struct ProcessBridge {
 }
 
 impl ProcessBridge {
-    /// A command: the program and its arguments.
+    /// Takes the command: the program and its arguments.
     #[must_use]
     pub const fn new(command: Vec<String>) -> Self {
         Self { command, child: None }
@@ -85,7 +86,7 @@ impl BridgeUnderTest for ProcessBridge {
         let Some(mut child) = self.child.take() else {
             return;
         };
-        // The system's own `kill`, so that nothing here needs the raw call.
+        // The system's `kill` command avoids an unsafe system call here.
         let _sent = Command::new("kill")
             .arg("-TERM")
             .arg(child.id().to_string())
@@ -119,7 +120,7 @@ impl Drop for ProcessBridge {
     }
 }
 
-/// What the probe of the simulated bridge touches, as `bridge sim --probe` takes it.
+/// Settings of the simulated bridge's probe, in the format of `bridge sim --probe`.
 pub const SIMULATED_PROBE: &str = "plane:X>2;delay=1;latched";
 
 type RunBridge = dyn Fn(&str, &str, &AtomicBool) + Send + Sync;
@@ -131,7 +132,7 @@ pub struct ThreadBridge {
 }
 
 impl ThreadBridge {
-    /// A bridge that is a function of the machine's name, iceoryx2's prefix and a flag that ends it.
+    /// Takes a function of the machine's name, iceoryx2's prefix and a flag that ends the bridge.
     pub fn new(run: impl Fn(&str, &str, &AtomicBool) + Send + Sync + 'static) -> Self {
         Self {
             run: Arc::new(run),
@@ -153,7 +154,7 @@ impl ThreadBridge {
                 drift_ppm: 50.0,
                 duration: None,
             };
-            // What went wrong shows in the feedback that does not come.
+            // An error shows as missing feedback.
             let _report = run_cutting(
                 &settings,
                 stop,
@@ -185,7 +186,7 @@ impl BridgeUnderTest for ThreadBridge {
     fn end(&mut self) {
         if let Some((stop, thread)) = self.running.take() {
             stop.store(true, Ordering::Relaxed);
-            // A bridge of a test fails as the test does.
+            // A panic of the bridge fails the test.
             if let Err(panic) = thread.join()
                 && !std::thread::panicking()
             {

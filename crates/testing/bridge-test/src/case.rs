@@ -1,4 +1,4 @@
-//! What a case is, and how one is run.
+//! Definition and execution of a case.
 
 use evolvent_random::Random;
 use std::path::PathBuf;
@@ -20,14 +20,14 @@ pub struct CaseError {
     kind: ErrorKind,
 }
 
-/// Whose fault it is.
+/// Cause of a failed case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ErrorKind {
-    /// The bridge's.
+    /// The bridge is wrong.
     Wrong,
     /// A pause of the host explains it.
     Unmeasured,
-    /// Nobody's: what the case is about did not happen.
+    /// The situation of the case did not occur.
     LeftOut,
 }
 
@@ -39,7 +39,7 @@ impl CaseError {
         }
     }
 
-    /// Something that the host may have done: it kept the bridge from running for as long.
+    /// An error that the host may have caused by keeping the bridge from running for as long.
     pub(crate) fn unmeasured(what: impl Into<String>) -> Self {
         Self {
             what: what.into(),
@@ -61,20 +61,20 @@ impl CaseError {
     }
 }
 
-/// How a case ended in which the bridge did nothing wrong.
+/// Result of a case in which the bridge did nothing wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// The bridge does what is demanded.
+    /// The bridge meets the demand.
     Passed,
-    /// This bridge, or this suite, cannot be made to play it: why.
+    /// The case cannot be run with this bridge or this suite, for this reason.
     LeftOut(String),
-    /// The host kept the bridge from running each time, and for so long that this explains what was seen.
+    /// The host kept the bridge from running at each attempt, for long enough to explain the failure.
     NotMeasured(String),
-    /// [`Stage::stop`] was set before its end.
+    /// [`Stage::stop`] was set before the end of the case.
     Stopped,
 }
 
-/// Where a case is played: one bridge, one bus.
+/// Environment of a case: one bridge, one bus.
 pub struct Stage<'a> {
     /// The bridge under test.
     pub bridge: &'a mut dyn BridgeUnderTest,
@@ -82,15 +82,15 @@ pub struct Stage<'a> {
     pub machine_name: String,
     /// iceoryx2's prefix.
     pub prefix: String,
-    /// The `evolvent` program, which plays the core that is killed; such cases are left out without it.
+    /// The `evolvent` program, which runs the core that is killed; without it such cases are left out.
     pub core_program: Option<PathBuf>,
-    /// Picks the random moments.
+    /// Seed of the random moments.
     pub seed: u64,
-    /// Random moments for each case that has some.
+    /// Number of random moments for each case that has some.
     pub moments: u32,
-    /// What the bridge has besides axes.
+    /// Parts that the bridge has besides axes.
     pub parts: &'a [Part],
-    /// Ends the case that is played, and the bridge with it.
+    /// Ends the running case and its bridge.
     pub stop: Arc<AtomicBool>,
 }
 
@@ -108,7 +108,7 @@ impl Stage<'_> {
             .map_err(|error| CaseError::new(error.to_string()))
     }
 
-    /// A random number of `low` to `high`.
+    /// A random number from `low` to `high`.
     pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         let mut random = Random::from_state(self.seed);
         let number = random.between(low, high);
@@ -117,14 +117,15 @@ impl Stage<'_> {
     }
 }
 
-/// What a case is about. Every bridge has axes.
+/// Part of a bridge that a case tests. Every bridge has axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Drives that follow setpoints.
     Axes,
     /// The bridge reads inputs and sets outputs, and its digital output 0 is wired to its digital input 0.
     Signals,
-    /// The bridge turns spindle 0 and sends its angle, and the spindle may turn at 300 rpm either way.
+    /// The bridge turns spindle 0 and sends its angle, and the spindle may turn at 300 rpm in either
+    /// direction.
     Spindle,
     /// The bridge reports a touch probe, and the first axis may drive it against something 1 to 4 mm away in
     /// its positive direction.
@@ -134,15 +135,15 @@ pub enum Part {
 /// One demand on a bridge.
 #[derive(Clone, Copy)]
 pub struct Case {
-    /// Its name, for choosing it.
+    /// Name of the case.
     pub name: &'static str,
     /// What a bridge must do.
     pub demand: &'static str,
-    /// Whether the bridge is killed in it.
+    /// Whether the case kills the bridge.
     pub kills_bridge: bool,
-    /// Whether a core process is killed in it.
+    /// Whether the case kills a core process.
     pub kills_core: bool,
-    /// What it is about: a bridge without it is not judged.
+    /// Part that the case tests: a bridge without it is not judged.
     pub part: Part,
     pub(crate) play: fn(&mut Stage<'_>) -> Result<(), CaseError>,
 }
@@ -335,11 +336,11 @@ pub const CASES: [Case; 29] = [
     ),
 ];
 
-/// A case that failed while the host kept the core of the suite or the bridge from running proves nothing: it
-/// is played again.
+/// Maximum number of runs of a case that fails while the host kept the suite's core or the bridge from
+/// running: such a failure proves nothing.
 const ATTEMPTS: usize = 3;
 
-/// Runs one case on its bus, and clears the bus away.
+/// Runs one case on its bus, and removes the bus afterwards.
 ///
 /// # Errors
 /// What the bridge did wrong.
@@ -379,7 +380,7 @@ pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<Outcome, CaseError
     }
 }
 
-/// Why a case cannot be played on this stage at all.
+/// Returns why a case cannot be run on this stage, if it cannot.
 fn why_left_out(case: &Case, stage: &Stage<'_>) -> Option<&'static str> {
     if case.kills_bridge && !stage.bridge.can_be_killed() {
         return Some("the bridge is no process of its own, which could be killed");
@@ -397,12 +398,12 @@ fn why_left_out(case: &Case, stage: &Stage<'_>) -> Option<&'static str> {
     Some(option)
 }
 
-/// Files of a prefix that nobody has cleared away.
+/// Files of a prefix that were not removed.
 fn remains(prefix: &str) -> Vec<String> {
     let mut found = Vec::new();
     let mut folders = vec![PathBuf::from("/dev/shm")];
     for (folder, _) in evolvent_bus::bus_folders(Some(prefix)).unwrap_or_default() {
-        // One may lie in shared memory itself.
+        // A file may be in shared memory itself.
         if !folder.starts_with(&folders[0]) {
             folders.push(folder);
         }

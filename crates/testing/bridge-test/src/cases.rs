@@ -1,4 +1,4 @@
-//! The cases themselves. Each starts its bridge and its core, and judges by the feedback.
+//! The cases. Each starts its bridge and its core, and judges by the feedback.
 
 use core::time::Duration;
 
@@ -13,11 +13,11 @@ pub(crate) use crate::timing::due;
 
 pub(crate) type Judged = Result<(), CaseError>;
 
-/// Way of the moves, mm.
+/// Distance of the moves, mm.
 pub(crate) const WAY: f64 = 5.0;
-/// How far an axis may be off its setpoint at rest, mm.
+/// Maximum distance between an axis and its setpoint at rest, mm.
 pub(crate) const CLOSE: f64 = 0.2;
-/// How far an axis may go on by itself, mm: the moves are slow.
+/// Maximum distance that an axis may move without setpoints, mm: the moves are slow.
 pub(crate) const ALONE: f64 = 6.0;
 
 pub(crate) fn demand(good: bool, what: impl FnOnce() -> String) -> Judged {
@@ -32,11 +32,11 @@ pub(crate) fn up(stage: &mut Stage<'_>) -> Result<TestCore, CaseError> {
     Ok(core)
 }
 
-/// The axes get where they are sent.
+/// The axes reach their setpoints.
 pub(crate) fn follows(core: &mut TestCore) -> Judged {
     for by in [WAY, -WAY] {
         core.move_by(by, 0.4, &mut |_| Fate::Sent);
-        // What was sent is due a lead later.
+        // Sent setpoints are due a lead later.
         core.rest((LEAD * PERIOD_NS) as f64 * 1e-9 + 0.3);
         let (wanted, found) = (
             core.commanded(),
@@ -53,7 +53,7 @@ pub(crate) fn follows(core: &mut TestCore) -> Judged {
     Ok(())
 }
 
-/// The distance between the ends of the positions of the axis that moved most.
+/// Range of positions of the axis that moved farthest.
 pub(crate) fn extent(log: &[Seen]) -> f64 {
     let of = |axis: usize| {
         let positions = log.iter().map(move |seen| seen.feedback.position[axis]);
@@ -89,7 +89,7 @@ pub(crate) fn feedback(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     let begin_ns = monotonic_ns();
     core.swing(WAY, 1.5, &mut |_| Fate::Sent);
-    // One that does not run just now is heard to the end.
+    // Waits for the messages of a bridge that is not running at the moment.
     core.rest(0.1);
     let log = core.take_log();
     let expected = (monotonic_ns() - begin_ns) / PERIOD_NS;
@@ -149,7 +149,7 @@ pub(crate) fn power(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
-/// How long a quick stop may take to show, ns: much less than the lead, after which it is due.
+/// Time within which a quick stop must take effect, ns: much less than the lead, after which it is due.
 const AT_ONCE_NS: u64 = 120_000_000;
 const _: () = assert!(AT_ONCE_NS < LEAD * PERIOD_NS * 3 / 4);
 
@@ -189,12 +189,12 @@ pub(crate) fn fault_reset(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
-/// What the counter of a core may be when it begins.
+/// A value that the counter of a core may have when it starts.
 const BEGUN_RESETS: u32 = 7;
 
-/// A bridge that can be killed is killed under power, which leaves drives on a fieldbus in fault. Others are
-/// judged if their drives come into fault within a second of operation, as those of `bridge sim --fault` do.
-/// Without a fault nothing can be judged.
+/// A bridge that can be killed is killed under power, which leaves drives on a fieldbus in fault. Other
+/// bridges are judged if their drives go into fault within a second of operation, as with
+/// `bridge sim --fault`. Without a fault nothing can be judged.
 pub(crate) fn new_core_reset(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     core.rest(1.0);
@@ -212,7 +212,7 @@ pub(crate) fn new_core_reset(stage: &mut Stage<'_>) -> Judged {
             .filter(|state| state.is_some_and(DriveState::is_fault))
             .count()
     };
-    // Before the next core: its first setpoint may be what resets them.
+    // Read before the next core starts: its first setpoint may reset them.
     let before = core.feedback().map_or(0, faults);
     if before == 0 {
         return Err(CaseError::left_out("no drive came into fault"));
@@ -232,8 +232,8 @@ pub(crate) fn new_core_reset(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
-/// How long after the only setpoint that requests power a drive may still come into operation, ns: the
-/// longest time for which a bridge continues without setpoints, and a busy host.
+/// Time after the only setpoint that requests power within which a drive may still come into operation, ns:
+/// the longest time for which a bridge continues without setpoints, plus a margin for a busy host.
 const POWERED_ALONE_NS: u64 = 100 * PERIOD_NS + 100_000_000;
 
 pub(crate) fn silent_start(stage: &mut Stage<'_>) -> Judged {
@@ -390,7 +390,7 @@ pub(crate) fn core_kill(stage: &mut Stage<'_>) -> Judged {
         process.kill();
         let pause = stage.between(0.0, 0.3);
         std::thread::sleep(Duration::from_secs_f64(pause));
-        // The next core finds the axes stopped, or stopping, where the last one had sent them.
+        // The next core finds the axes stopped, or stopping, near the last setpoints.
         let mut core = stage.open_core()?;
         core.until("feedback after the core was killed", LATEST_S, |_| true)?;
         core.rest(0.6);
@@ -401,7 +401,7 @@ pub(crate) fn core_kill(stage: &mut Stage<'_>) -> Judged {
         demand(stands(&here), || {
             format!("still moves after its core was killed; {}", core.describe())
         })?;
-        // A core process starts where the axes are and moves by 8 mm at the most.
+        // A core process starts at the positions of the axes and moves by at most 8 mm.
         let way = (here.position[0] - before).abs();
         demand(way <= 8.0 + ALONE, || {
             format!("is {way:.3} from where its core began")

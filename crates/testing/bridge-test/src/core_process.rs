@@ -7,8 +7,8 @@ use std::time::Instant;
 use crate::case::CaseError;
 use crate::test_core::{Fate, TestCore};
 
-/// Brings the drives of a bridge up and moves the first axis to and fro until this process is killed. What
-/// the hidden command `evolvent bridge core` runs.
+/// Brings the drives of a bridge up and moves the first axis to and fro until this process is killed. The
+/// hidden command `evolvent bridge core` runs this function.
 ///
 /// # Errors
 /// The bus cannot be opened, or the bridge does not come up.
@@ -22,7 +22,7 @@ pub fn run_core(machine_name: &str, prefix: &str, seconds: f64) -> Result<(), Ca
     Ok(())
 }
 
-/// A running core process; killed at the latest when it is dropped.
+/// A running core process, which is killed when it is dropped.
 #[derive(Debug)]
 pub struct CoreProcess(Child);
 
@@ -49,7 +49,7 @@ impl CoreProcess {
             .map_err(|cause| CaseError::new(format!("{}: {cause}", program.display())))
     }
 
-    /// Kills it.
+    /// Kills the process.
     pub fn kill(&mut self) {
         let _gone = self.0.kill();
         let _gone = self.0.wait();

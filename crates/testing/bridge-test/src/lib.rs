@@ -1,4 +1,4 @@
-//! What every drive bridge must do, whoever wrote it and in whatever language.
+//! A conformance suite for drive bridges, independent of their author and language.
 //!
 //! ```text
 //!   suite: one case after the other
@@ -8,17 +8,16 @@
 //!     └── BridgeUnderTest: start, end, kill
 //! ```
 //!
-//! A case starts the bridge by way of [`BridgeUnderTest`], plays a core against it, well-behaved or not, and
-//! judges by the feedback and the inputs alone. [`CASES`] names them all; [`run_case`] runs one on a bus of
-//! its own.
+//! A case starts the bridge through [`BridgeUnderTest`], runs a correct or faulty core against it, and judges
+//! by the feedback and the inputs alone. [`CASES`] lists all cases; [`run_case`] runs one on its own bus.
 //!
-//! [`ProcessBridge`] is any command. `evolvent bridge test -- COMMAND` runs the suite against it.
-//! [`ThreadBridge`] is a bridge within this process, the simulated one or another; it cannot be killed, so
-//! cases with a kill leave it out.
+//! [`ProcessBridge`] runs any command. `evolvent bridge test -- COMMAND` runs the suite against it.
+//! [`ThreadBridge`] runs the simulated bridge or another one in this process; it cannot be killed, so cases
+//! with a kill are left out.
 //!
-//! The first axis moves by some millimetres to and fro, slowly, the second and third by 0.4 mm, the cases of
-//! the spindle turn it at 300 rpm either way, and that of the probe drives it against something: do not run
-//! the suite against a machine whose axes or spindle may not.
+//! The first axis moves slowly to and fro by some millimetres, the second and third by 0.4 mm. The spindle
+//! cases turn the spindle at 300 rpm in both directions, and the probe case drives the probe against an
+//! object. Do not run the suite on a machine where any of these motions is unsafe.
 
 mod begin_cases;
 mod bridge;

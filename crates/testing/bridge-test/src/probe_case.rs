@@ -1,5 +1,5 @@
-//! The case of a touch probe: the first axis moves until it touches, twice, and the place is found as a core
-//! finds it.
+//! The case of a touch probe: the first axis moves until contact, twice, and the contact position is computed
+//! as a core computes it.
 
 use evolvent_bridge_sim::monotonic_ns;
 use evolvent_bus::MachineInputs;
@@ -8,24 +8,25 @@ use crate::case::{CaseError, Stage};
 use crate::cases::{Judged, demand, up};
 use crate::test_core::{LATEST_S, LEAD, PERIOD_NS, Seen, TestCore};
 
-/// Numbers of the probe's state.
+/// Values of the probe's state.
 const OPEN: u32 = 1;
 const TRIPPED: u32 = 2;
-/// The way on which something has to be touched, mm.
+/// Distance within which contact must occur, mm.
 pub(crate) const WAY: f64 = 5.0;
-/// Speeds of the two approaches, mm/s. A time that is late by 20 ms is seen as 0.05 mm between them.
+/// Speeds of the two approaches, mm/s. A time that is late by 20 ms shows as a difference of 0.05 mm.
 const SPEEDS: [f64; 2] = [0.5, 3.0];
-/// How far the two contacts may be apart, mm: one of them is late by the time between two looks at the input,
-/// 5 ms at most.
+/// Maximum difference between the two contacts, mm: one of them is late by the interval between two readings
+/// of the input, at most 5 ms.
 const SAME: f64 = 0.03;
-/// How far a latched position may be from the one that the feedback has at that time, mm.
+/// Maximum difference between a latched position and the position by feedback at the same time, mm.
 const LATCHED: f64 = 0.05;
-/// Time before a contact, and half of it behind it, over which the motion has to be even, ns.
+/// Time before a contact over which the velocity must be constant, ns. It must also be constant for half of
+/// this time after the contact.
 const EVEN_NS: u64 = 100_000_000;
-/// A change is read at most so long after the message that tells it was stamped, ns.
+/// Maximum time from the time stamp of a message to its reading, ns.
 const STAMP_NS: u64 = 2_000_000;
 
-/// One approach: what was said of the probe, and where the axis was.
+/// One approach: the messages of the probe and the positions of the axis.
 struct Approach {
     /// mm/s.
     speed: f64,
@@ -37,7 +38,7 @@ fn newest(inputs: &[(u64, MachineInputs)]) -> Option<&MachineInputs> {
     inputs.last().map(|(_, message)| message)
 }
 
-/// A core with drives in operation whose bridge says that the probe touches nothing.
+/// Opens a core with drives in operation whose bridge reports an open probe.
 fn open(stage: &mut Stage<'_>) -> Result<TestCore, CaseError> {
     let mut core = up(stage)?;
     let begin_ns = monotonic_ns();
@@ -71,7 +72,7 @@ fn approach(core: &mut TestCore, speed: f64) -> Approach {
         inputs.extend(core.take_inputs().into_iter().map(|(_, message)| message));
         core.commanded()[0] - from < WAY && !trips(&inputs)
     });
-    // What was sent is due a lead later.
+    // Sent setpoints are due a lead later.
     core.rest((LEAD * PERIOD_NS) as f64 * 1e-9 + 0.3);
     inputs.extend(core.take_inputs().into_iter().map(|(_, message)| message));
     Approach {
@@ -81,7 +82,7 @@ fn approach(core: &mut TestCore, speed: f64) -> Approach {
     }
 }
 
-/// What messages say of the probe, one after the other.
+/// Judges the sequence of messages of the probe.
 fn judge_messages(inputs: &[MachineInputs]) -> Judged {
     for message in inputs {
         demand(matches!(message.probe, OPEN | TRIPPED), || {
@@ -115,7 +116,7 @@ fn judge_messages(inputs: &[MachineInputs]) -> Judged {
     Ok(())
 }
 
-/// Where the first axis was at this time, by the feedback.
+/// Position of the first axis at a time, by the feedback.
 fn position_at(time_ns: u64, feedback: &[Seen]) -> Option<f64> {
     let after = feedback
         .iter()
@@ -128,7 +129,7 @@ fn position_at(time_ns: u64, feedback: &[Seen]) -> Option<f64> {
     Some(before.position[0] + share * (next.position[0] - before.position[0]))
 }
 
-/// The place of the first contact.
+/// Position of the first contact.
 fn contact(approach: &Approach) -> Result<f64, CaseError> {
     judge_messages(&approach.inputs)?;
     let Some(told) = approach.inputs.iter().find(|message| message.probe == TRIPPED) else {
@@ -139,7 +140,7 @@ fn contact(approach: &Approach) -> Result<f64, CaseError> {
     let place = position_at(told.probe_time_ns, &approach.feedback).ok_or_else(|| {
         CaseError::new("probe_time_ns of a contact is not within the motion that led to it")
     })?;
-    // A motion that was held up hides a time that is late.
+    // A motion that was interrupted hides a late time stamp.
     let [from_ns, to_ns] = [
         told.probe_time_ns.saturating_sub(EVEN_NS),
         told.probe_time_ns + EVEN_NS / 2,
@@ -163,7 +164,7 @@ fn contact(approach: &Approach) -> Result<f64, CaseError> {
     Ok(place)
 }
 
-/// Goes back to where the approach began, and waits until the probe is open.
+/// Returns to the start of the approach, and waits until the probe is open.
 fn go_back(core: &mut TestCore, start: f64) -> Judged {
     let by = start - core.commanded()[0];
     core.take_inputs();

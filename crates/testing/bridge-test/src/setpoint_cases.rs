@@ -1,4 +1,4 @@
-//! The cases of setpoints that are missing, late, impossible or none.
+//! The cases of setpoints that are missing, late, impossible or not finite.
 
 use evolvent_bus::Feedback;
 use evolvent_drive::BridgeState;
@@ -10,13 +10,13 @@ use crate::test_core::{Fate, LEAD, PERIOD_NS};
 
 /// A jump that persists, mm.
 const JUMP: f64 = 2.0;
-/// Way in which an axis stops from the middle of a move of 0.6 s, with ten periods for which it goes on, mm.
+/// Stopping distance from the middle of a move of 0.6 s, ten periods of continued motion included, mm.
 const ROLLING: f64 = 1.2;
-/// How much later than due setpoints come that are too late, ns: a bridge may wait for them for some periods,
-/// with a busy host in mind, and no longer.
+/// Delays after the due time that are too late, ns: a bridge may wait for setpoints for some periods, for the
+/// sake of a busy host, and no longer.
 const TOO_LATE_NS: [u64; 2] = [30 * PERIOD_NS, 500_000_000];
 
-/// At rest and not following: what a bridge shows when it has stopped by itself.
+/// Whether a bridge has stopped by itself: at rest and not following.
 fn has_stopped(feedback: &Feedback) -> bool {
     stands(feedback) && BridgeState::from_number(feedback.bridge_state) != Some(BridgeState::Following)
 }
@@ -68,7 +68,7 @@ pub(crate) fn silence(stage: &mut Stage<'_>) -> Judged {
     })?;
     let way = (seen.position[0] - from).abs();
     demand(way <= WAY / 2.0 + ALONE, || format!("went {way:.3} by itself"))?;
-    // The core goes on as if nothing had been, elsewhere.
+    // The core continues from another position as if nothing had happened.
     let _before = core.take_log();
     core.rest_with(0.5, &mut |setpoint| {
         setpoint.position[0] += 4.0 * ALONE;
@@ -85,10 +85,10 @@ pub(crate) fn silence(stage: &mut Stage<'_>) -> Judged {
 pub(crate) fn late(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     let before = core.feedback().map_or(0, |feedback| feedback.missed_setpoints);
-    // A smooth way, as any other, but each setpoint some time after it was due.
+    // A smooth move whose setpoints are each sent some time after they are due.
     core.rest(0.2);
     for late_ns in TOO_LATE_NS {
-        // What was sent before is due, and the axes stand.
+        // Earlier setpoints are due by now, and the axes are at rest.
         core.rest((LEAD * PERIOD_NS) as f64 * 1e-9);
         let _before = core.take_log();
         for by in [WAY, -WAY] {
@@ -106,7 +106,7 @@ pub(crate) fn late(stage: &mut Stage<'_>) -> Judged {
         })?;
         core.bring_up()?;
     }
-    // Due two seconds ago, and somewhere else.
+    // Setpoints at another position that were due two seconds ago.
     core.rest_with(0.6, &mut |setpoint| {
         setpoint.due_time_ns -= 2_000_000_000;
         setpoint.position[0] += WAY;
@@ -122,13 +122,13 @@ pub(crate) fn late(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
-/// Due times that no core sends: the beginning of time, its end, and in an hour.
+/// Due times that no core sends: near zero, the maximum, and an hour ahead.
 const IMPOSSIBLE_NS: [fn(u64) -> u64; 3] = [|_| 1, |_| u64::MAX, |due_ns| due_ns + 3_600_000_000_000];
 
 pub(crate) fn due_times(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     for due_of in IMPOSSIBLE_NS {
-        // One among good ones is as one that is missing.
+        // A single impossible one among good ones counts as missing.
         let mut count = 0;
         core.move_by(WAY, 0.5, &mut |setpoint| {
             count += 1;
@@ -145,7 +145,7 @@ pub(crate) fn due_times(stage: &mut Stage<'_>) -> Judged {
                 core.describe()
             )
         })?;
-        // All of them.
+        // All setpoints are impossible.
         let _before = core.take_log();
         for by in [-WAY, WAY] {
             core.move_by(by, 0.5, &mut |setpoint| {
@@ -163,7 +163,7 @@ pub(crate) fn due_times(stage: &mut Stage<'_>) -> Judged {
         })?;
         core.bring_up()?;
     }
-    // Backwards: each is due a period before the last one.
+    // Decreasing due times: each is a period before the last one.
     core.rest((LEAD * PERIOD_NS) as f64 * 1e-9);
     let _before = core.take_log();
     let mut count = 0;
@@ -200,7 +200,7 @@ pub(crate) fn jump(stage: &mut Stage<'_>) -> Judged {
     demand(moved <= CLOSE, || {
         format!("one wild setpoint moved the axis by {moved:.3}")
     })?;
-    // From here on all of them.
+    // From here on all setpoints are wild.
     core.rest_with(0.6, &mut |setpoint| {
         setpoint.position[0] += 400.0;
         Fate::Sent
@@ -210,7 +210,7 @@ pub(crate) fn jump(stage: &mut Stage<'_>) -> Judged {
         format!("a jump by 400 mm was followed for {moved:.3}")
     })?;
     core.bring_up()?;
-    // Jumps that an axis could go in the time for which a bridge waits for setpoints.
+    // Jumps that an axis could cover in the time for which a bridge waits for setpoints.
     for by in [ELSEWHERE, -JUMP] {
         let _before = core.take_log();
         core.rest_with(0.6, &mut |setpoint| {

@@ -1,5 +1,5 @@
-//! The cases of outputs and inputs: digital output 0 is wired to digital input 0, which is what the core sees
-//! of it.
+//! The cases of outputs and inputs: digital output 0 is wired to digital input 0, so that the core can
+//! observe it.
 
 use evolvent_bridge_sim::monotonic_ns;
 use evolvent_bus::MachineInputs;
@@ -8,15 +8,15 @@ use crate::case::{CaseError, Stage};
 use crate::cases::{Judged, demand};
 use crate::test_core::{LATEST_S, PERIOD_NS, Seen, TestCore};
 
-/// How long a bridge may take to read an input, on a host that is busy, ns.
+/// Maximum time that a bridge takes to read an input on a busy host, ns.
 const READING_NS: u64 = 300_000_000;
 /// Silence of the core after which the outputs are safe, ns.
 const SAFE_NS: u64 = 200_000_000;
-/// How much later input 0 may say so: a period of the bridge, and 20 ms for the wire (a relay, the filter of
-/// the input).
+/// Additional delay until input 0 shows it, ns: a period of the bridge, and 20 ms for the wiring (a relay,
+/// the filter of the input).
 const SAFE_SEEN_NS: u64 = PERIOD_NS + 20_000_000;
 
-/// A core that a bridge with signals has answered.
+/// Opens a core to which a bridge with signals has replied.
 fn signalling(stage: &mut Stage<'_>) -> Result<TestCore, CaseError> {
     stage.start_bridge()?;
     let mut core = stage.open_core()?;
@@ -82,7 +82,7 @@ pub(crate) fn output_due(stage: &mut Stage<'_>) -> Judged {
         let log = core.take_inputs();
         let is_set = |message: &MachineInputs| message.digital & 1 == u64::from(on);
         for (_, message) in &log {
-            // By the bridge's own time, which the case before has checked.
+            // Uses the bridge's own time, which an earlier case has checked.
             if message.time_ns < wanted.due_time_ns {
                 demand(!is_set(message), || {
                     let early = wanted.due_time_ns - message.time_ns;
@@ -114,7 +114,7 @@ pub(crate) fn output_due(stage: &mut Stage<'_>) -> Judged {
     Ok(())
 }
 
-/// The longest time between two of these times beyond the usual (median) one, ns.
+/// The longest interval between these times, minus the median interval, ns.
 fn longest_gap_ns(times_ns: impl Iterator<Item = u64>) -> u64 {
     let times_ns: Vec<u64> = times_ns.collect();
     let mut gaps_ns: Vec<u64> = times_ns
@@ -135,7 +135,7 @@ fn judge_safe(left_ns: u64, inputs: &[(u64, MachineInputs)], feedback: &[Seen]) 
     })?;
     let is_on = |(_, message): &(u64, MachineInputs)| message.digital & 1 == 1;
     let safe_at = inputs.iter().rposition(is_on).map_or(0, |last_on| last_on + 1);
-    // Where it is never safe: when it was seen on last.
+    // If it is never safe: the last time that it was seen on.
     let seen_at = safe_at.min(inputs.len() - 1);
     let after_ns = inputs[seen_at].1.time_ns.saturating_sub(left_ns);
     let late_ns = after_ns.saturating_sub(SAFE_NS);
@@ -199,8 +199,8 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// Input 0 on until `safe_ms` after the core's last message, sent every 2 ms but during a pause of
-    /// `pause_ms` before it.
+    /// Input 0 is on until `safe_ms` after the core's last message. The bridge sends it every 2 ms, except
+    /// during a pause of `pause_ms` before that.
     fn judged(safe_ms: u64, pause_ms: u64) -> Judged {
         let left_ns = 1000 * MS;
         let times = (1..600)

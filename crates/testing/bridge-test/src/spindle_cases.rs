@@ -1,4 +1,4 @@
-//! The cases of a spindle: speeds go out, the angle comes back.
+//! The cases of a spindle: the core sends speeds and receives the angle.
 
 use evolvent_bridge_sim::monotonic_ns;
 use evolvent_bus::{SpindleFeedback, spindle_flags};
@@ -7,36 +7,36 @@ use crate::case::{CaseError, Stage};
 use crate::cases::{Judged, demand, up};
 use crate::test_core::{LATEST_S, TestCore};
 
-/// The speed at which it turns: slow for every spindle, fast for its angle.
+/// Speed of the spindle: slow for any spindle, and fast enough to judge its angle.
 const RPM: f64 = 300.0;
-/// At speed is within 10 % of the command; a bridge has a tolerance of its own, usually 2 to 5 %.
+/// "At speed" means within 10 % of the command; bridges have their own tolerance, usually 2 to 5 %.
 const NEAR: f64 = 0.1;
-/// How far an angle may be off the line through all of them, turns. A sample that is given the time of
-/// another is off by 0.005 for each ms, a step of a coarse encoder (100 counts) by 0.01.
+/// Maximum deviation of an angle from the line fitted to all angles, turns. An error of 1 ms in the time of a
+/// sample deviates by 0.005, a count of a coarse encoder (100 counts) by 0.01.
 const STEADY: f64 = 0.03;
-/// How long a spindle may take to that speed, or to stop, s.
+/// Maximum time to reach the speed or to stop, s.
 const RAMP_S: f64 = 8.0;
-/// A spindle that stands, rpm.
+/// Speed below which a spindle is at standstill, rpm.
 const STANDING_RPM: f64 = 15.0;
-/// Time over which a speed is found from angles, ns.
+/// Time over which a speed is computed from angles, ns.
 const SPAN_NS: u64 = 60_000_000;
 
 fn turns(message: &SpindleFeedback) -> f64 {
     message.turns as f64 + message.fraction
 }
 
-/// The angle is counted from another place once the index pulse has come.
+/// Whether the angle counts from the index pulse.
 const fn is_indexed(message: &SpindleFeedback) -> bool {
     message.flags & spindle_flags::INDEXED != 0
 }
 
-/// The speed by angles and times of two messages, rpm.
+/// Speed from the angles and times of two messages, rpm.
 fn speed_between(from: &SpindleFeedback, to: &SpindleFeedback) -> f64 {
     let seconds = to.time_ns.saturating_sub(from.time_ns) as f64 * 1e-9;
     (turns(to) - turns(from)) / seconds.max(1e-9) * 60.0
 }
 
-/// What every message must be, one after the other.
+/// Judges every message of a sequence.
 fn judge_messages(log: &[(u64, SpindleFeedback)]) -> Judged {
     let mut stale = 0;
     for (now_ns, message) in log {
@@ -66,8 +66,8 @@ fn judge_messages(log: &[(u64, SpindleFeedback)]) -> Judged {
     })
 }
 
-/// AT_SPEED for a command of `rpm`, only with a speed near it: the one that the message says, and the one of
-/// its angles.
+/// Judges that AT_SPEED is set for a command of `rpm` only if the reported speed and the speed by angles are
+/// near it.
 fn judge_at_speed(log: &[(u64, SpindleFeedback)], since: u64, rpm: f64) -> Judged {
     let near = |speed: f64| (speed - rpm).abs() <= (NEAR * rpm.abs()).max(STANDING_RPM);
     let mut past = 0;
@@ -83,7 +83,7 @@ fn judge_at_speed(log: &[(u64, SpindleFeedback)], since: u64, rpm: f64) -> Judge
             past += 1;
         }
         let from = &log[past].1;
-        // Only while all of the span is at speed: before, it was still changing.
+        // Judged only if the whole span is at speed: before, the speed was still changing.
         let is_alike = |other: &SpindleFeedback| {
             other.outputs_sequence >= since
                 && other.flags & spindle_flags::AT_SPEED != 0
@@ -101,7 +101,7 @@ fn judge_at_speed(log: &[(u64, SpindleFeedback)], since: u64, rpm: f64) -> Judge
     Ok(())
 }
 
-/// Turns the spindle by a command until it is at speed; what came from the command on.
+/// Commands a speed and waits until it is reached. Returns the messages from the command on.
 fn turn(core: &mut TestCore, rpm: f64) -> Result<(u64, Vec<(u64, SpindleFeedback)>), CaseError> {
     let wanted = core.set_spindle(rpm);
     let mut log = Vec::new();
@@ -127,7 +127,7 @@ fn turn(core: &mut TestCore, rpm: f64) -> Result<(u64, Vec<(u64, SpindleFeedback
     Ok((wanted.sequence, log))
 }
 
-/// Half a second at speed: how the angle goes on.
+/// Judges the angle during half a second at speed.
 fn judge_steady(log: &[(u64, SpindleFeedback)], rpm: f64) -> Judged {
     let log: Vec<_> = (log.iter())
         .filter(|(_, message)| {
@@ -160,7 +160,7 @@ fn judge_steady(log: &[(u64, SpindleFeedback)], rpm: f64) -> Judged {
     })
 }
 
-/// A core that has commanded its spindle to stand, as cores do at first.
+/// Opens a core that has commanded its spindle to stop, as cores do at first.
 fn standing(stage: &mut Stage<'_>) -> Result<TestCore, CaseError> {
     let mut core = up(stage)?;
     core.set_spindle(0.0);

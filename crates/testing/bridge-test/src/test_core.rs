@@ -1,4 +1,4 @@
-//! A core that does what a case tells it: the right thing or the wrong one.
+//! A core that a case controls, to do right or wrong.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use core::time::Duration;
@@ -14,48 +14,48 @@ use crate::case::CaseError;
 
 /// The suite's period: slow enough for a busy machine.
 pub(crate) const PERIOD_NS: u64 = 2_000_000;
-/// Periods that a setpoint is sent before it is due.
+/// Periods between sending a setpoint and its due time.
 pub(crate) const LEAD: u64 = 100;
-/// How long a bridge may take for what it has to do some time, s: a busy host may need that.
+/// Time limit for actions of a bridge without a time limit of their own, s: a busy host may need that.
 pub(crate) const LATEST_S: f64 = 20.0;
-/// Cycles from one message of outputs that do not change to the next.
+/// Cycles between messages of unchanged outputs.
 const OUTPUTS_EVERY: u64 = 25;
-/// Axes of the machine that the suite pretends to be.
+/// Axes of the suite's machine.
 pub(crate) const LETTERS: &str = "XYZ";
 const AXES_MASK: u32 = 0b111;
 
-/// A bridge that is silent for longer was kept from running, or has gone.
+/// Silence after which a bridge counts as suspended or ended.
 const SILENT_NS: u64 = 100_000_000;
-/// How long is waited for a silent bridge to be heard again before it is judged, s.
+/// Time to wait for a silent bridge to send again before it is judged, s.
 const PATIENCE_S: f64 = 5.0;
 
-/// Times at which the host kept a test core from running for so long that the bridge ran out of setpoints, or
-/// the bridge, which then went on: no fault of the bridge's.
+/// Number of times that the host kept a test core from running until the bridge ran out of setpoints, or kept
+/// the bridge from running. Neither is a fault of the bridge.
 pub(crate) static DISTURBED: AtomicU32 = AtomicU32::new(0);
 
-/// What one cycle saw.
+/// Feedback seen by one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
-    /// When, in ns of CLOCK_MONOTONIC.
+    /// Time of the cycle, ns of CLOCK_MONOTONIC.
     pub now_ns: u64,
     /// The newest feedback.
     pub feedback: Feedback,
 }
 
-/// What becomes of a setpoint.
+/// Treatment of a setpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Fate {
     Sent,
     Lost,
 }
 
-/// One core of the machine under test, run by hand, cycle by cycle.
+/// A core of the suite's machine, driven cycle by cycle by a case.
 #[derive(Debug)]
 pub struct TestCore {
     bus: CoreBus,
     sequence: u64,
     next_ns: u64,
-    /// Where the axes are commanded to be.
+    /// Commanded positions of the axes.
     position: [f64; AXES],
     velocity: f64,
     acceleration: f64,
@@ -63,19 +63,19 @@ pub struct TestCore {
     fault_reset: u32,
     datum: u64,
     feedback: Option<Feedback>,
-    /// When that came.
+    /// Time of arrival of the newest feedback.
     heard_ns: u64,
-    /// Everything that came, in order.
+    /// All feedback, in order.
     log: Vec<Seen>,
-    /// Outputs in force; sent again every [`OUTPUTS_EVERY`] cycles.
+    /// Outputs in force, repeated every [`OUTPUTS_EVERY`] cycles.
     outputs: Option<MachineOutputs>,
-    /// When they have left last.
+    /// Time at which outputs were last sent.
     outputs_left_ns: u64,
-    /// Every message of inputs, and when it came.
+    /// Every message of inputs with its time of arrival.
     inputs: Vec<(u64, MachineInputs)>,
-    /// Every message of spindle 0, and when it came.
+    /// Every message of spindle 0 with its time of arrival.
     spindle: Vec<(u64, SpindleFeedback)>,
-    /// Ends whatever goes on.
+    /// Ends every wait and motion.
     stop: Arc<AtomicBool>,
 }
 
@@ -83,7 +83,7 @@ impl TestCore {
     /// Opens the bus as a core.
     ///
     /// # Errors
-    /// Another core lives, or the bus cannot be used.
+    /// Another core is running, or the bus cannot be used.
     pub fn open(machine_name: &str, prefix: &str) -> Result<Self, BusError> {
         let mut config = BusConfig::new(machine_name, LETTERS, PERIOD_NS);
         config.prefix = Some(prefix.to_owned());
@@ -108,13 +108,13 @@ impl TestCore {
         })
     }
 
-    /// Cycles take no time from the moment on at which `stop` is set, so that a case comes to its end.
+    /// Makes cycles return at once after `stop` is set, so that a case ends soon.
     pub(crate) fn with_stop(mut self, stop: &Arc<AtomicBool>) -> Self {
         self.stop = Arc::clone(stop);
         self
     }
 
-    /// The counter of resets begins at this.
+    /// Sets the initial value of the counter of resets.
     pub(crate) const fn with_fault_resets(mut self, count: u32) -> Self {
         self.fault_reset = count;
         self
@@ -124,13 +124,13 @@ impl TestCore {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Every message of inputs since the last time this was asked, and when it came, ns.
+    /// Returns every message of inputs since the last call, with its time of arrival, ns.
     pub(crate) fn take_inputs(&mut self) -> Vec<(u64, MachineInputs)> {
         std::mem::take(&mut self.inputs)
     }
 
-    /// Sets digital output 0, which is safe when it is off, from the setpoint of the next cycle on; when that
-    /// is due.
+    /// Sets digital output 0, whose safe value is off, from the setpoint of the next cycle on. Returns the
+    /// message, which has the due time.
     pub(crate) fn set_output(&mut self, on: bool) -> MachineOutputs {
         self.send_outputs(MachineOutputs {
             digital_mask: 1,
@@ -139,8 +139,8 @@ impl TestCore {
         })
     }
 
-    /// Turns spindle 0 at a speed, counter-clockwise where it is negative, from the setpoint of the next
-    /// cycle on; when that is due.
+    /// Turns spindle 0 at a speed, counter-clockwise if negative, from the setpoint of the next cycle on.
+    /// Returns the message, which has the due time.
     pub(crate) fn set_spindle(&mut self, rpm: f64) -> MachineOutputs {
         let mut outputs = MachineOutputs {
             spindle_mask: 1,
@@ -163,14 +163,14 @@ impl TestCore {
             due_time_ns: self.next_ns + LEAD * PERIOD_NS,
             ..wanted
         };
-        // One that does not leave is followed by the next.
+        // A message that is not sent is followed by the next.
         let _reached = self.bus.publish_outputs(&outputs);
         self.outputs = Some(outputs);
         self.outputs_left_ns = monotonic_ns();
         outputs
     }
 
-    /// Says nothing for a while, and listens.
+    /// Sends nothing for a time, and receives.
     pub(crate) fn be_silent(&mut self, seconds: f64) {
         let end_ns = monotonic_ns() + (seconds * 1e9) as u64;
         while monotonic_ns() < end_ns && !self.is_stopped() {
@@ -182,7 +182,7 @@ impl TestCore {
         self.next_ns = monotonic_ns();
     }
 
-    /// When the last message of outputs had left, in ns of CLOCK_MONOTONIC; 0 for none.
+    /// Time at which the last message of outputs was sent, ns of CLOCK_MONOTONIC; 0 for none.
     pub(crate) const fn outputs_left_ns(&self) -> u64 {
         self.outputs_left_ns
     }
@@ -198,7 +198,7 @@ impl TestCore {
         }
     }
 
-    /// Every message of spindle 0 since the last time this was asked, and when it came, ns.
+    /// Returns every message of spindle 0 since the last call, with its time of arrival, ns.
     pub(crate) fn take_spindle(&mut self) -> Vec<(u64, SpindleFeedback)> {
         std::mem::take(&mut self.spindle)
     }
@@ -209,7 +209,7 @@ impl TestCore {
         self.feedback.as_ref()
     }
 
-    /// Everything that has come since the last time this was asked.
+    /// Returns all feedback since the last call.
     pub fn take_log(&mut self) -> Vec<Seen> {
         std::mem::take(&mut self.log)
     }
@@ -218,7 +218,7 @@ impl TestCore {
         self.power = power;
     }
 
-    /// Asks for a reset of the drives' faults; its number.
+    /// Requests a reset of the drives' faults. Returns its number.
     pub(crate) fn reset_faults(&mut self) -> u32 {
         self.fault_reset += 1;
         self.fault_reset
@@ -237,7 +237,7 @@ impl TestCore {
         self.position[0] += shift;
     }
 
-    /// One cycle: publishes, naps until the next is due, collects feedback.
+    /// Runs one cycle: publishes a setpoint, sleeps until the next cycle, receives feedback.
     pub(crate) fn cycle(&mut self, tamper: &mut dyn FnMut(&mut Setpoint) -> Fate) {
         if self.is_stopped() {
             return;
@@ -259,13 +259,13 @@ impl TestCore {
         setpoint.acceleration[0] = self.acceleration;
         self.sequence += 1;
         if tamper(&mut setpoint) == Fate::Sent {
-            // One that does not leave is one that is lost: cases see what comes of it.
+            // A setpoint that is not sent counts as lost; the case sees the effect.
             let _reached = self.bus.publish_setpoint(&setpoint);
         }
         self.next_ns += PERIOD_NS;
         let now_ns = monotonic_ns();
         if now_ns > self.next_ns + LEAD * PERIOD_NS * 3 / 4 {
-            // This process was kept from running: go on from here, as a restarted core would.
+            // This process was kept from running: continue from now, as a restarted core would.
             self.next_ns = now_ns;
             DISTURBED.fetch_add(1, Ordering::Relaxed);
         }
@@ -298,13 +298,13 @@ impl TestCore {
         }
     }
 
-    /// Whether the bridge was heard and has become silent.
+    /// Whether the bridge has sent feedback and is silent now.
     fn is_unheard(&self) -> bool {
         self.feedback.is_some() && monotonic_ns().saturating_sub(self.heard_ns) > SILENT_NS
     }
 
-    /// Cycles at rest; some more where the bridge is silent, so that it is judged by what it says and not by
-    /// what it said.
+    /// Runs cycles at rest, and more if the bridge is silent, so that it is judged by new feedback and not by
+    /// old.
     pub(crate) fn rest(&mut self, seconds: f64) {
         self.rest_with(seconds, &mut |_| Fate::Sent);
     }
@@ -322,10 +322,10 @@ impl TestCore {
         }
     }
 
-    /// Cycles at rest until something is seen in the feedback.
+    /// Runs cycles at rest until the feedback meets a condition.
     ///
     /// # Errors
-    /// It is not seen in time.
+    /// The condition is not met in time.
     pub(crate) fn until(
         &mut self,
         what: &'static str,
@@ -354,17 +354,17 @@ impl TestCore {
         }
     }
 
-    /// Waits for the bridge, goes to where the axes are, resets faults of the drives, as a core does once its
-    /// operator has said RESET, and switches them on. Drives that lost their fieldbus under power, with the
-    /// bridge before, are in fault.
+    /// Waits for the bridge, sets the commanded position to that of the axes, resets faults of the drives, as
+    /// a core does after the operator's RESET, and switches the drives on. Drives that lost their fieldbus
+    /// under power, when the previous bridge ended, are in fault.
     ///
     /// # Errors
-    /// No feedback, or no operation, in time.
+    /// There is no feedback in time, or the drives are not operational in time.
     pub(crate) fn bring_up(&mut self) -> Result<(), CaseError> {
         self.request(PowerRequest::Off);
         self.feedback = None;
         self.until("feedback of a bridge", 15.0, |_| true)?;
-        // Where power was on the axes may still be coming to rest.
+        // If power was on, the axes may still be stopping.
         let at_rest =
             |feedback: &Feedback| feedback.velocity[..3].iter().all(|velocity| velocity.abs() < 0.1);
         let off =
@@ -391,13 +391,13 @@ impl TestCore {
         Ok(())
     }
 
-    /// A smooth move of the first axis, and back.
+    /// Moves the first axis smoothly by `by`, and back.
     pub(crate) fn swing(&mut self, by: f64, seconds: f64, tamper: &mut dyn FnMut(&mut Setpoint) -> Fate) {
         self.move_by(by, seconds / 2.0, tamper);
         self.move_by(-by, seconds / 2.0, tamper);
     }
 
-    /// A move of the first axis by the quintic from rest to rest.
+    /// Moves the first axis by `by` with a quintic from rest to rest.
     pub(crate) fn move_by(&mut self, by: f64, seconds: f64, tamper: &mut dyn FnMut(&mut Setpoint) -> Fate) {
         let from = self.position[0];
         let count = cycles(seconds).max(1);
@@ -415,8 +415,8 @@ impl TestCore {
         (self.velocity, self.acceleration) = (0.0, 0.0);
     }
 
-    /// Moves the first axis at a speed while `goes_on`, asked after every cycle, says so; with a tenth of a
-    /// second to reach the speed and to stop.
+    /// Moves the first axis at a speed while `goes_on`, called after every cycle, returns true. Reaching the
+    /// speed and stopping take a tenth of a second each.
     pub(crate) fn creep(&mut self, speed: f64, goes_on: &mut dyn FnMut(&mut Self) -> bool) {
         let ramp = cycles(0.1);
         let period_s = PERIOD_NS as f64 * 1e-9;
@@ -435,7 +435,7 @@ impl TestCore {
         (self.velocity, self.acceleration) = (0.0, 0.0);
     }
 
-    /// The state of affairs in words, for errors.
+    /// Describes the newest feedback, for errors.
     pub(crate) fn describe(&self) -> String {
         self.feedback.map_or("no feedback".to_owned(), |feedback| {
             let drives: Vec<String> = states(&feedback)
@@ -454,8 +454,8 @@ impl TestCore {
     }
 }
 
-/// Whether a bridge was kept from running between two answers. One that has died and was started again was
-/// not.
+/// Whether a bridge was kept from running between two feedback messages. A bridge that was restarted in
+/// between was not.
 fn was_paused(last: &Feedback, silent_ns: u64, next: &Feedback) -> bool {
     silent_ns > SILENT_NS && last.instance == next.instance
 }

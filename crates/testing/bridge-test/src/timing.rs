@@ -1,28 +1,30 @@
-//! When a bridge moves: the positions that it reports, against the positions and due times of the setpoints.
+//! Timing of a bridge's motion: its reported positions, compared with the positions and due times of the
+//! setpoints.
 //!
-//! The time by which a motion lags is fitted to all its samples (least squares), which finds a fraction of a
-//! period in a slow motion.
+//! The lag of a motion is fitted to all its samples by least squares, which resolves a fraction of a period
+//! even in a slow motion.
 
 use crate::case::{CaseError, Stage};
 use crate::cases::{Judged, demand, up};
 use crate::test_core::{Fate, LEAD, PERIOD_NS, Seen};
 
-/// Distance of the move, mm, and its time, s: 23 mm/s at most.
+/// Distance of the move, mm, and its duration, s: at most 23 mm/s.
 const DISTANCE: f64 = 5.0;
 const MOVE_S: f64 = 0.4;
-/// How far from the fitted motion the axis may be in the mean, mm.
+/// Maximum deviation (root mean square) of the axis from the fitted motion, mm.
 const CLOSE: f64 = 0.2;
-/// How much earlier than due a setpoint may be used, ns: a period, the grid of a bridge that rounds.
+/// Time before its due time at which a setpoint may be used, ns: one period, for bridges that round to their
+/// periods.
 const EARLY_NS: u64 = PERIOD_NS;
-/// How late a motion may be besides the following error that the bridge declares, ns: the core permits the
-/// distance of 20 ms (`following_time_ms`) unless the machine file says otherwise.
+/// Maximum lag of a motion in addition to the declared following error, ns: the core permits the distance of
+/// 20 ms (`following_time_ms`) unless the machine file sets another time.
 const LAG_NS: u64 = 20_000_000;
-/// How late it may be with the following error that the bridge declares, ns: position loops with a gain of 1
-/// m/min per mm lag by 60 ms.
+/// Maximum lag including the declared following error, ns: position loops with a gain of 1 m/min per mm lag
+/// by 60 ms.
 const DECLARED_LAG_NS: u64 = 60_000_000;
-/// An axis that stands for so long at 23 mm/s is off its path.
+/// Standstill after which an axis at 23 mm/s is off its path.
 const STANDING_NS: u64 = 50_000_000;
-/// Lags that are tried, ns, and their step.
+/// Range of the lags tried, ns, and their step.
 const SEARCH_NS: core::ops::RangeInclusive<i64> = -(LEAD as i64 * PERIOD_NS as i64)..=700_000_000;
 const COARSE_NS: usize = 1_000_000;
 const FINE_NS: usize = 50_000;
@@ -35,7 +37,7 @@ struct Planned {
     position: f64,
 }
 
-/// The planned position at a moment; before the first and after the last setpoint the axis is at rest.
+/// The planned position at a time; before the first and after the last setpoint the axis is at rest.
 fn planned_at(plan: &[Planned], time_ns: i64) -> f64 {
     let next = plan.partition_point(|planned| planned.due_ns as i64 <= time_ns);
     match (next.checked_sub(1).and_then(|at| plan.get(at)), plan.get(next)) {
@@ -49,8 +51,8 @@ fn planned_at(plan: &[Planned], time_ns: i64) -> f64 {
     }
 }
 
-/// By how much samples of time and position lag behind the plan, ns, and how far they are from the shifted
-/// plan, mm (root mean square).
+/// Lag of samples of time and position relative to the plan, ns, and their deviation from the shifted plan,
+/// mm (root mean square).
 fn fitted_lag(plan: &[Planned], samples: &[(u64, f64)]) -> (i64, f64) {
     let error = |lag_ns: i64| {
         let squares = samples.iter().map(|(time_ns, position)| {
@@ -67,7 +69,7 @@ fn fitted_lag(plan: &[Planned], samples: &[(u64, f64)]) -> (i64, f64) {
     best(near - COARSE_NS as i64..=near + COARSE_NS as i64, FINE_NS)
 }
 
-/// The longest time for which the bridge was silent, beyond a period, by its own times, ns.
+/// The longest silence of the bridge, minus one period, by its own times, ns.
 fn longest_gap_ns(log: &[Seen]) -> u64 {
     let gaps = log
         .windows(2)
@@ -75,7 +77,8 @@ fn longest_gap_ns(log: &[Seen]) -> u64 {
     gaps.max().unwrap_or(0).saturating_sub(PERIOD_NS)
 }
 
-/// A demand on times. A bridge that the host kept from running for as long as it was off by cannot be judged.
+/// A demand on times. A bridge that the host kept from running for at least as long as its error is not
+/// judged.
 fn demand_in_time(good: bool, off_ns: u64, log: &[Seen], what: impl FnOnce() -> String) -> Judged {
     if good {
         return Ok(());
@@ -95,7 +98,7 @@ fn ms(ns: u64) -> f64 {
     ns as f64 * 1e-6
 }
 
-/// Which setpoints the bridge says that it has replied to: none before it is due, and none long after.
+/// Judges the sequence numbers in the feedback: none before its setpoint is due, and none long after.
 fn judge_replies(plan: &[Planned], log: &[Seen]) -> Judged {
     let mut delays_ns = Vec::new();
     for seen in log {
@@ -131,7 +134,7 @@ fn judge_motion(plan: &[Planned], log: &[Seen]) -> Judged {
         log.iter().map(of).collect::<Vec<_>>()
     };
     let (lag_ns, off) = fitted_lag(plan, &samples(0.0));
-    // A bridge that declares its following error says where its drives should be.
+    // The declared following error gives the target positions of the drives.
     let (target_lag_ns, _) = fitted_lag(plan, &samples(1.0));
     let late_ns = lag_ns.max(0).unsigned_abs();
     let early_ns = lag_ns.min(0).unsigned_abs();
@@ -162,7 +165,7 @@ pub(crate) fn due(stage: &mut Stage<'_>) -> Judged {
     };
     core.rest_with(0.05, &mut take);
     core.move_by(DISTANCE, MOVE_S, &mut take);
-    // The end of the move comes a lead later, and that of a bridge that is late later still.
+    // The move ends a lead later, and later still with a bridge that lags.
     core.rest_with((LEAD * PERIOD_NS) as f64 * 1e-9 + 0.7, &mut take);
     let log = core.take_log();
     demand(!log.is_empty(), || "no feedback".to_owned())?;
@@ -175,7 +178,7 @@ pub(crate) fn due(stage: &mut Stage<'_>) -> Judged {
 mod tests {
     use super::*;
 
-    /// A move to and fro, one setpoint per period from one second on.
+    /// A move to and fro, with one setpoint per period from one second on.
     fn plan() -> Vec<Planned> {
         (0..300)
             .map(|i| Planned {
@@ -214,7 +217,7 @@ mod tests {
         assert!(fitted_lag(&plan, &samples).1 > CLOSE);
     }
 
-    /// What a bridge reports that moves so late, with a pause of so long in the middle of the move.
+    /// Feedback of a bridge that lags by `lag_ns` and pauses for `pause_ns` in the middle of the move.
     fn log(lag_ns: i64, pause_ns: u64) -> Vec<Seen> {
         let plan = plan();
         let report = |i: u64| {

@@ -1,5 +1,5 @@
-//! One bridge for each rule that breaks it, and it alone: the suite must find out, and have nothing against
-//! the one that breaks none.
+//! One bridge per rule that breaks this rule only: the suite must detect each of them, and pass the bridge
+//! that breaks none.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -21,14 +21,14 @@ use evolvent_bus::{
 };
 use evolvent_drive::{OutputFollower, PowerRequest};
 
-/// A core that is silent for longer has gone.
+/// Silence after which the core counts as ended.
 const GONE_NS: u64 = 500_000_000;
 
-/// What a bridge does wrong.
+/// The flaw of a bridge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Flaw {
     None,
-    /// Rule 1: it follows nobody who counts from 0 again.
+    /// Rule 1: ignores a core whose sequence starts at 0 again.
     OneCoreOnly,
     /// Rule 2.
     AnswersEverySecond,
@@ -40,11 +40,11 @@ enum Flaw {
     MovesOnArrival,
     AnswersOnArrival,
     FollowsLate,
-    /// It follows what comes up to 0.2 s late.
+    /// Follows setpoints up to 0.2 s late.
     FollowsALittleLate,
-    /// Three periods before they are due.
+    /// Follows setpoints three periods before they are due.
     MovesEarly,
-    /// As if setpoints were due 0.1 s later, or 0.4 s, whatever it says.
+    /// Moves as if setpoints were due later, by 0.1 s or by 0.4 s, whatever it reports.
     MovesLate,
     MovesMuchLater,
     RepliesLate,
@@ -53,17 +53,17 @@ enum Flaw {
     QuickStopWhenDue,
     PowerBackAfterQuickStop,
     TellsNoReset,
-    /// Its drives come into fault after half a second of operation: no flaw.
+    /// Its drives go into fault after half a second of operation: no flaw.
     DrivesFail,
-    /// The same, and what a new core has counted resets them.
+    /// The same, but the counter of a new core resets them.
     ResetsForNewCore,
-    /// Its drives take a while to come into operation, and it powers them for a core that is silent.
+    /// Its drives come into operation slowly, and it powers them although the core is silent.
     PowersInSilence,
     /// Rule 5.
     BeginsWithin3Mm,
     BeginsWithin1Mm6,
     BeginsInMotion,
-    /// Its targets are the setpoints from the first on, and its position loops are not that fast.
+    /// Its targets equal the setpoints from the first on, and its position loops are slower.
     TargetsStepAtBegin,
     /// The same with ideal axes, which declare no following error.
     AxesStepAtBegin,
@@ -71,35 +71,35 @@ enum Flaw {
     SaysItFollows,
     /// Rule 7.
     FollowsJumps,
-    /// A jump is followed once an axis could have gone there in the time.
+    /// Follows a jump once an axis could have covered it in the time.
     FollowsJumpsLater,
     PassesOnNonsense,
-    /// Due times that cannot be are replaced by those of the numbers.
+    /// Replaces impossible due times by those that follow from the sequence numbers.
     MakesUpDueTimes,
     /// Rule 8.
     KeepsItsDatum,
-    /// Of outputs and inputs.
+    /// Outputs and inputs.
     OutputsOnArrival,
     NamesOutputsOnArrival,
     NeverSafe,
-    /// After 0.6 s of silence, not after 0.2 s.
+    /// Safe after 0.6 s of silence, not after 0.2 s.
     SafeLate,
     SafeForEver,
     FewInputs,
     OldInputs,
     OneInputMore,
-    /// Of a spindle: its angle goes the other way than its speed.
+    /// Spindle: the angle has the opposite direction of the speed.
     AngleBackwards,
-    /// Samples go by the time at which they are sent, and are up to 20 ms old.
+    /// The time stamps are those of sending; the samples are up to 20 ms older.
     AngleLate,
     AngleWithoutTime,
     SpeedWrong,
     AlwaysAtSpeed,
     SpindleGoesOn,
     SpindleStaysOff,
-    /// The stop of a silent core passes for what it commanded last.
+    /// Reports the last command as reached although the spindle stops for a silent core.
     AtSpeedInSilence,
-    /// Of a probe.
+    /// Probe.
     ProbeNeverTrips,
     ProbeStaysTripped,
     ProbeCountsAnew,
@@ -154,7 +154,7 @@ fn drives(flaw: Flaw) -> SimBridge {
     SimBridge::new(&settings).expect("limits")
 }
 
-/// Serves one core after the other until it is stopped.
+/// Serves one core after another until `stop` is set.
 fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     let mut bridge = drives(flaw);
     let mut waiting: VecDeque<Setpoint> = VecDeque::new();
@@ -166,7 +166,7 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     let mut slow = SlowStart::default();
     let mut wired = Wired::default();
     let mut turning = Turning::new();
-    // Message and time are late by as much, so that only two speeds reveal it.
+    // Message and time are late by the same amount, so that only two speeds reveal it.
     let touched = if flaw == Flaw::ProbeTimeLate {
         "plane:X>2;late=40"
     } else {
@@ -190,7 +190,7 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
                     core_ns = tick_ns;
                 }
                 newest = setpoint.sequence;
-                // It counts from nothing, whatever the core has counted before.
+                // It counts from zero, whatever the core has counted before.
                 if flaw == Flaw::ResetsForNewCore && tick_ns < core_ns + 200_000_000 {
                     setpoint.fault_reset = 0;
                 }
@@ -245,7 +245,7 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
         }
         tick_ns += 2_000_000;
         let now_ns = monotonic_ns();
-        // Kept from running: no drive catches up.
+        // After a suspension no drive catches up.
         if now_ns > tick_ns + 200_000_000 {
             tick_ns = now_ns;
         }
@@ -253,17 +253,17 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     }
 }
 
-/// Output 0, wired to input 0.
+/// Output 0 wired to input 0.
 #[derive(Default)]
 struct Wired {
     follower: OutputFollower,
-    /// As it came last.
+    /// The newest message of outputs.
     newest: MachineOutputs,
-    /// When that was.
+    /// Time of its arrival.
     heard_ns: u64,
     sequence: u64,
     was_safe: bool,
-    /// When the probe tripped last; 0 for never.
+    /// Time at which the probe last tripped; 0 for never.
     tripped_ns: u64,
 }
 
@@ -345,7 +345,7 @@ impl Wired {
 /// Spindle 0.
 struct Turning {
     spindle: SimSpindle,
-    /// What it did last under a command.
+    /// The last outputs under a command.
     ordered: MachineOutputs,
     was_safe: bool,
     shown: SpindleFeedback,
@@ -363,7 +363,7 @@ impl Turning {
 
     fn step(&mut self, flaw: Flaw, in_force: &MachineOutputs, sender: &mut SpindleSender) {
         let is_ordered = in_force.spindle_mask != 0 && in_force.spindle_rpm[0] > 0.0;
-        // A stop by the core says so; the safe values have no number of its own.
+        // A stop by the core has a sequence number; the safe values have none.
         self.was_safe |= !is_ordered && self.ordered.spindle_rpm[0] > 0.0;
         if is_ordered {
             self.ordered = *in_force;
@@ -405,7 +405,7 @@ impl Turning {
     }
 }
 
-/// Drives that take 0.8 s from the request to operation, and repeat the request of a core that is silent
+/// Drives that take 0.8 s from the request to operation, and that repeat the request of a core that is silent
 /// meanwhile.
 #[derive(Default)]
 struct SlowStart {
@@ -428,7 +428,7 @@ impl SlowStart {
         }
     }
 
-    /// What stands for the setpoint that does not come.
+    /// The substitute for a missing setpoint.
     fn again(&mut self, now_ns: u64) -> Option<Setpoint> {
         if self.asked_ns == 0 || now_ns < self.newest.due_time_ns {
             return None;
@@ -442,7 +442,7 @@ impl SlowStart {
     }
 }
 
-/// What a flaw makes of a setpoint.
+/// Applies a flaw to a setpoint.
 fn bend(flaw: Flaw, setpoint: &mut Setpoint, now_ns: u64, last_due_ns: &mut u64) {
     match flaw {
         Flaw::ActsOnArrival | Flaw::MovesOnArrival => setpoint.due_time_ns = now_ns.max(*last_due_ns + 1_000),
@@ -463,7 +463,7 @@ fn bend(flaw: Flaw, setpoint: &mut Setpoint, now_ns: u64, last_due_ns: &mut u64)
         _ => {}
     }
     *last_due_ns = setpoint.due_time_ns;
-    // All by as much: the first one decides nothing.
+    // All by the same amount: the first one decides nothing.
     match flaw {
         Flaw::MovesEarly => setpoint.due_time_ns -= 6_000_000,
         Flaw::MovesLate | Flaw::RepliesLate => setpoint.due_time_ns += 100_000_000,
@@ -472,13 +472,13 @@ fn bend(flaw: Flaw, setpoint: &mut Setpoint, now_ns: u64, last_due_ns: &mut u64)
     }
 }
 
-/// What a flaw makes of an answer.
+/// Applies a flaw to feedback.
 fn spoil(flaw: Flaw, feedback: &mut Feedback, first_ns: u64, newest: u64) {
     match flaw {
         Flaw::OldTime => feedback.time_ns = first_ns,
         Flaw::AxisLeftOut => feedback.axes_mask &= 0b101,
         Flaw::AnswersOnArrival => feedback.sequence = newest,
-        // A lead of the suite's core is 100 periods.
+        // The lead of the suite's core is 100 periods.
         Flaw::MovesOnArrival => feedback.sequence = newest.saturating_sub(100),
         Flaw::MovesEarly => feedback.sequence = feedback.sequence.saturating_sub(3),
         Flaw::MovesLate | Flaw::MovesMuchLater => feedback.sequence = newest.saturating_sub(100),
@@ -498,7 +498,7 @@ fn spoil(flaw: Flaw, feedback: &mut Feedback, first_ns: u64, newest: u64) {
     }
 }
 
-/// What the suite says of a bridge in one case, and again where the host was too busy for it to say anything.
+/// Verdict of the suite on a bridge in one case, repeated if the host was too busy to judge.
 fn verdict(flaw: Flaw, case: &str) -> Result<Outcome, String> {
     const ATTEMPTS: usize = 5;
     for _ in 1..ATTEMPTS {
@@ -531,7 +531,7 @@ fn play(flaw: Flaw, case: &str) -> Result<Outcome, String> {
     run_case(case, &mut stage).map_err(|error| error.to_string())
 }
 
-/// The case that a flaw must fail.
+/// The case that each flaw must fail.
 const FLAWS: [(Flaw, &str); 53] = [
     (Flaw::OneCoreOnly, "core_restart"),
     (Flaw::AnswersEverySecond, "feedback"),
@@ -588,15 +588,14 @@ const FLAWS: [(Flaw, &str); 53] = [
     (Flaw::LatchedElsewhere, "probe"),
 ];
 
-/// A case that did not happen is not passed.
+/// A case whose situation did not occur is not passed.
 #[test]
 fn without_a_fault_nothing_is_said_of_its_reset() {
     let said = verdict(Flaw::None, "new_core_reset");
     assert_eq!(said, Ok(Outcome::LeftOut("no drive came into fault".to_owned())));
 }
 
-/// What the suite says of each. Each waits for something most of the time: several at once, each on a bus of
-/// its own.
+/// Verdicts on all of them. Each case waits most of the time, so several run at once, each on its own bus.
 fn verdicts<'a>(plays: &[(Flaw, &'a str)]) -> Vec<(Flaw, &'a str, Result<Outcome, String>)> {
     const A_THREAD: usize = 5;
     std::thread::scope(|scope| {
@@ -630,8 +629,8 @@ fn each_broken_bridge_fails_the_case_of_its_rule() {
     };
     let mut passed = verdicts(&FLAWS);
     passed.retain(|(.., found)| is_missed(found));
-    // With that many others at once a bridge may receive too little of its core to show its flaw: it is
-    // played again, alone.
+    // With many bridges at once, one may receive too little from its core to show its flaw: it is tested
+    // again alone.
     for (flaw, case, found) in &mut passed {
         println!("{flaw:?} in {case} once more, alone");
         *found = verdict(*flaw, case);
@@ -645,7 +644,7 @@ fn the_bridge_without_a_flaw_passes_all_of_these() {
     let of_fault = "new_core_reset";
     let others = FLAWS.iter().filter(|(_, case)| *case != of_fault);
     let mut cases: Vec<_> = others.map(|(_, case)| (Flaw::None, *case)).collect();
-    // Faults that nobody but the operator resets.
+    // Faults that only the operator resets.
     cases.push((Flaw::DrivesFail, of_fault));
     cases.sort_unstable_by_key(|(_, case)| *case);
     cases.dedup();

@@ -9,13 +9,13 @@ use evolvent_path::{Axes, AxisLetter, AxisMask};
 
 use crate::trial_core::{LATEST, PERIOD_NS, TrialCore, states};
 
-/// How often it begins because the host kept setpoints from arriving.
+/// Maximum number of attempts, if the host keeps setpoints from arriving.
 const ATTEMPTS: u32 = 5;
 
-/// How X is homed, towards smaller coordinates.
+/// Settings for homing X towards smaller coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct HomingTrial {
-    /// Speed of search, mm/s.
+    /// Speed of the search, mm/s.
     pub search_mm_s: f64,
     /// Speed of the second approach, mm/s.
     pub latch_mm_s: f64,
@@ -23,7 +23,7 @@ pub struct HomingTrial {
     pub acceleration_mm_s2: f64,
     /// Machine coordinate of the edge.
     pub switch_mm: f64,
-    /// Machine coordinate at which it ends.
+    /// Machine coordinate at which homing ends.
     pub home_mm: f64,
     /// Length of the travel, mm.
     pub travel_mm: f64,
@@ -46,16 +46,16 @@ impl HomingTrial {
 }
 
 impl TrialCore {
-    /// Homes X, which is in operation and at rest. `each` is called once a cycle.
+    /// Homes X, whose drive is operational and at rest. `each` is called once per cycle.
     ///
     /// # Errors
-    /// Why the sequence has ended; or the drives have left operation.
+    /// The homing sequence has failed, or the drives have left operation.
     ///
     /// # Panics
-    /// If it takes too long.
+    /// Homing takes too long.
     pub fn home_x(&mut self, trial: &HomingTrial, mut each: impl FnMut(&mut Self)) -> Result<(), String> {
         let mut homing = Homing::new(vec![trial.axis()], 1);
-        // Where X goes, and how fast, until it is there.
+        // Target and speed of X until it arrives.
         let mut goal: Option<(f64, f64)> = None;
         let (begin, mut attempts, mut is_following) = (Instant::now(), 0, true);
         self.velocity_x = 0.0;
@@ -82,8 +82,8 @@ impl TrialCore {
             }
             let state = BridgeState::from_number(feedback.bridge_state);
             if !matches!(state, Some(BridgeState::Following | BridgeState::Bridging)) {
-                // The host kept setpoints from arriving in time, or the bridge from running, and it has
-                // stopped the axes: homing begins again from there.
+                // The host kept setpoints from arriving in time, or the bridge from running, so the bridge
+                // has stopped the axes: homing starts again from there.
                 if is_following {
                     attempts += 1;
                     println!(
@@ -132,7 +132,7 @@ impl TrialCore {
         }
     }
 
-    /// The velocity of the next period, towards a goal or to rest.
+    /// Sets the velocity of the next period, towards a goal or to rest.
     fn move_x(&mut self, goal: Option<(f64, f64)>, acceleration: f64) {
         let period_s = PERIOD_NS as f64 * 1e-9;
         let wanted = match goal {

@@ -34,11 +34,11 @@
 //! );
 //! ```
 //!
-//! [`with_bridge`] runs one trial with any core; [`TrialCore`] is one that moves X at a constant velocity, or
-//! homes it ([`TrialCore::home_x`]).
-//! [`failed_cases`] plays the suite of `evolvent-bridge-test` and says which cases the bridge fails.
+//! [`with_bridge`] runs one trial with any core. [`TrialCore`] is a core that moves X at a constant velocity,
+//! or homes it ([`TrialCore::home_x`]). [`failed_cases`] runs the suite of `evolvent-bridge-test` and returns
+//! the cases that the bridge fails.
 //!
-//! Everything here panics where a trial fails, as tests do.
+//! Everything in this crate panics if a trial fails, as tests do.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,

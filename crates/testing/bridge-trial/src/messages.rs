@@ -1,4 +1,4 @@
-//! What a bridge says while it runs.
+//! Messages of a running bridge.
 
 use std::sync::Mutex;
 
@@ -7,15 +7,15 @@ use std::sync::Mutex;
 pub struct Messages(Mutex<Vec<String>>);
 
 impl Messages {
-    /// Adds one.
+    /// Adds a message.
     ///
     /// # Panics
-    /// If a thread panicked while it added one.
+    /// If a thread panicked while it added a message.
     pub fn push(&self, text: &str) {
         self.0.lock().expect("no panic").push(text.to_owned());
     }
 
-    /// How many contain a text.
+    /// Number of messages that contain `part`.
     ///
     /// # Panics
     /// As [`Messages::push`].
@@ -25,7 +25,7 @@ impl Messages {
         messages.iter().filter(|text| text.contains(part)).count()
     }
 
-    /// Whether one contains a text.
+    /// Whether any message contains `part`.
     ///
     /// # Panics
     /// As [`Messages::push`].

@@ -1,20 +1,20 @@
-//! The suite of all bridges, on one bridge.
+//! Runs the suite of all bridges on one bridge.
 
 use evolvent_bridge_test::{BridgeUnderTest, CASES, Case, Part, Stage, run_case};
 
-/// Plays those of these cases that need neither a spindle nor a probe, or the one that the environment
-/// variable `EVOLVENT_CASE` names, on a bridge whose digital output 0 is wired to its digital input 0; the
-/// cases that it fails, each with the reason.
+/// Runs the given cases that need neither a spindle nor a probe, or the one that the environment variable
+/// `EVOLVENT_CASE` names, on a bridge whose digital output 0 is wired to its digital input 0. Returns the
+/// failed cases with the reasons.
 pub fn failed_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str, cases: &[Case]) -> Vec<String> {
     play(bridge, prefix, cases, &[Part::Axes, Part::Signals])
 }
 
-/// Plays the cases of a spindle only, on a bridge that turns spindle 0.
+/// Runs the spindle cases only, on a bridge that turns spindle 0.
 pub fn failed_spindle_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str) -> Vec<String> {
     play(bridge, prefix, &CASES, &[Part::Spindle])
 }
 
-/// Plays the case of a touch probe only, on a bridge whose first axis touches something 1 to 4 mm away.
+/// Runs the case of a touch probe only, on a bridge whose first axis makes contact 1 to 4 mm away.
 pub fn failed_probe_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str) -> Vec<String> {
     play(bridge, prefix, &CASES, &[Part::Probe])
 }

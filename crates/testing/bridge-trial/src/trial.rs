@@ -1,4 +1,4 @@
-//! A bridge on a thread for as long as a test uses its core.
+//! Runs a bridge on a thread while a test uses its core.
 
 use core::fmt::Debug;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -8,11 +8,11 @@ use evolvent_bus::remove_private_domain;
 
 use crate::messages::Messages;
 
-/// Runs a bridge while a test uses a core of the same prefix; the bridge's report. Leaves nothing behind,
-/// also if the test fails.
+/// Runs a bridge while a test uses a core of the same prefix, and returns the bridge's report. Removes the
+/// bus afterwards, even if the test fails.
 ///
 /// # Panics
-/// If the test does, or if the bridge ends with an error.
+/// If the test panics, or if the bridge ends with an error.
 pub fn with_bridge<C, R, E>(
     prefix: &str,
     bridge: impl FnOnce(&AtomicBool, &Messages) -> Result<R, E> + Send,

@@ -1,4 +1,4 @@
-//! A core that stands, or moves X at a velocity.
+//! A core that holds its axes or moves X at a constant velocity.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 use core::time::Duration;
@@ -11,32 +11,33 @@ use evolvent_drive::{DriveState, PowerRequest};
 /// The core's period: slow enough for a busy machine.
 pub const PERIOD_NS: u64 = 2_000_000;
 const PERIOD_S: f64 = PERIOD_NS as f64 * 1e-9;
-/// Periods that a setpoint is sent before it is due.
+/// Periods between sending a setpoint and its due time.
 const LEAD: u64 = 50;
-/// Feedback that is older is not judged by.
+/// Maximum age of feedback that is used.
 const FRESH: Duration = Duration::from_millis(100);
 /// Acceleration of every motion, mm/s2: within the limits of the machines of trials.
 pub const ACCELERATION: f64 = 800.0;
-/// How long something may take that is waited for: a busy host may need that.
+/// Time limit of every wait: a busy host may need that.
 pub(crate) const LATEST: Duration = Duration::from_secs(30);
 
-/// The core of a machine with the axes X, Y and Z, run by hand, cycle by cycle.
+/// The core of a machine with the axes X, Y and Z, driven cycle by cycle by a test.
 #[derive(Debug)]
 pub struct TrialCore {
     /// Its ports.
     pub bus: CoreBus,
     sequence: u64,
     next_ns: u64,
-    /// Where the axes are commanded to be, mm.
+    /// Commanded positions of the axes, mm.
     pub position: [f64; AXES],
-    /// The velocity that X is brought to, mm/s.
+    /// Velocity towards which X accelerates, mm/s.
     pub velocity_x: f64,
     /// The velocity of the last setpoint, mm/s, and its acceleration, mm/s2.
     velocity: [f64; AXES],
     acceleration: [f64; AXES],
-    /// Whether setpoints have the acceleration of their motion; 0 otherwise, which a core may send too.
+    /// Whether setpoints contain the acceleration of their motion. Otherwise it is 0, which a core may also
+    /// send.
     pub sends_acceleration: bool,
-    /// What the core asks of the drives.
+    /// Power request to the drives.
     pub power: PowerRequest,
     /// The number of the newest reset of the drives' faults.
     pub fault_reset: u32,
@@ -44,14 +45,14 @@ pub struct TrialCore {
     pub datum: u64,
     /// The request for an index pulse: its number and its axis.
     pub index: (u32, u32),
-    /// The newest feedback, and when it came.
+    /// The newest feedback with its time of arrival.
     pub heard: Option<(Instant, Feedback)>,
     /// The newest inputs of the machine.
     pub inputs: Option<MachineInputs>,
 }
 
 impl TrialCore {
-    /// A core at rest, without power.
+    /// Opens a core at rest, without power.
     ///
     /// # Panics
     /// If the bus cannot be used.
@@ -77,7 +78,7 @@ impl TrialCore {
         }
     }
 
-    /// Sends the next setpoint, sleeps until that after it is to be sent, and collects what came.
+    /// Sends the next setpoint, sleeps until the next cycle, and receives messages.
     pub fn cycle(&mut self) {
         let change = ACCELERATION * PERIOD_S;
         let by = (self.velocity_x - self.velocity[0]).clamp(-change, change);
@@ -85,7 +86,7 @@ impl TrialCore {
         self.send();
     }
 
-    /// One period of an axis to a velocity, at a constant acceleration.
+    /// Advances an axis by one period towards a velocity, at a constant acceleration.
     fn advance(&mut self, axis: usize, velocity: f64) {
         self.position[axis] += 0.5 * (self.velocity[axis] + velocity) * PERIOD_S;
         self.acceleration[axis] = (velocity - self.velocity[axis]) / PERIOD_S;
@@ -127,18 +128,19 @@ impl TrialCore {
         }
     }
 
-    /// Cycles for a time, at the velocity that is set.
+    /// Runs cycles for a time, at `velocity_x`.
     pub fn rest(&mut self, seconds: f64) {
         for _ in 0..(seconds * 1e9) as u64 / PERIOD_NS {
             self.cycle();
         }
     }
 
-    /// Jumps of X that persist, also such that an axis could go in the ten periods for which a bridge waits
-    /// for setpoints, at rest and in motion. `moved_mm` tells how far the motor of X has turned.
+    /// Makes X jump persistently, at rest and in motion. Some jumps are small enough that an axis could cover
+    /// them in the ten periods for which a bridge waits for setpoints. `moved_mm` returns the distance that
+    /// the motor of X has turned.
     ///
     /// # Panics
-    /// If the motor follows one by more than `resolution_mm`.
+    /// If the motor follows a jump by more than `resolution_mm`.
     pub fn jumps(&mut self, resolution_mm: f64, mut moved_mm: impl FnMut() -> f64) {
         for (velocity, jump) in [0.0, 20.0]
             .into_iter()
@@ -151,7 +153,7 @@ impl TrialCore {
             self.position[0] += jump;
             self.rest(0.3);
             let moved = moved_mm() - from;
-            // The motor is up to a lead behind the core, and goes on for ten periods, brakes, and stops.
+            // The motor lags the core by up to a lead, continues for ten periods, and then brakes.
             let most = velocity * (LEAD + 12) as f64 * PERIOD_S + 0.5 * velocity.min(1.0);
             assert!(
                 moved <= most + resolution_mm,
@@ -162,7 +164,7 @@ impl TrialCore {
         }
     }
 
-    /// Brings X to rest.
+    /// Decelerates X to rest.
     pub fn stop(&mut self) {
         self.velocity_x = 0.0;
         while self.velocity[0] != 0.0 {
@@ -170,10 +172,10 @@ impl TrialCore {
         }
     }
 
-    /// Moves an axis by a distance at constant velocity, apart from its ramps, and waits until it is at rest.
+    /// Moves an axis by a distance at constant velocity, except for its ramps, and waits until it is at rest.
     pub fn travel(&mut self, axis: usize, distance: f64, velocity: f64) {
         let ramp = (velocity / (ACCELERATION * PERIOD_S)).ceil();
-        // The ramps take as long as one of them would at full velocity.
+        // Both ramps together cover the distance that one of them would cover at full velocity.
         let cruise = (distance.abs() / (velocity * PERIOD_S) - ramp).round().max(1.0);
         let speed = distance / ((cruise + ramp) * PERIOD_S);
         let periods = cruise + 2.0 * ramp;
@@ -188,9 +190,9 @@ impl TrialCore {
         self.rest(0.5);
     }
 
-    /// As [`Self::travel`], with ramps like half a cosine that reach the acceleration: whatever moment of a
-    /// period a bridge takes, and whichever setpoints it misses, its interpolation stays near the motion.
-    /// Between setpoints of a constant acceleration that begins at once it cannot.
+    /// Like [`Self::travel`], with velocity ramps of half a cosine that reach the maximum acceleration. The
+    /// interpolation of a bridge then stays near the motion at any time within a period and with any missing
+    /// setpoints. With a step in acceleration it cannot.
     pub fn travel_smoothly(&mut self, axis: usize, distance: f64, velocity: f64) {
         let ramp = (FRAC_PI_2 * velocity / (ACCELERATION * PERIOD_S)).ceil();
         let cruise = (distance.abs() / (velocity * PERIOD_S) - ramp).round().max(1.0);
@@ -198,7 +200,7 @@ impl TrialCore {
         let (from, periods) = (self.position[axis], cruise + 2.0 * ramp);
         for period in 1..=periods as u64 {
             let period = period as f64;
-            // The second half is the first one in reverse.
+            // The second half is the reverse of the first.
             let (since, is_first) = if 2.0 * period <= periods {
                 (period, true)
             } else {
@@ -219,7 +221,7 @@ impl TrialCore {
         self.rest(0.5);
     }
 
-    /// The newest feedback where it is fresh.
+    /// The newest feedback, if it is fresh.
     #[must_use]
     pub fn fresh(&self) -> Option<Feedback> {
         self.heard
@@ -227,10 +229,10 @@ impl TrialCore {
             .map(|(_, feedback)| feedback)
     }
 
-    /// Cycles until fresh feedback shows something.
+    /// Runs cycles until fresh feedback meets a condition.
     ///
     /// # Panics
-    /// If it does not in time.
+    /// If it does not meet it in time.
     pub fn until(&mut self, what: &str, mut seen: impl FnMut(&Feedback) -> bool) -> Feedback {
         let begin = Instant::now();
         loop {
@@ -246,10 +248,10 @@ impl TrialCore {
         }
     }
 
-    /// Cycles until the inputs of the machine show something.
+    /// Runs cycles until the inputs of the machine meet a condition.
     ///
     /// # Panics
-    /// If they do not in time.
+    /// If they do not meet it in time.
     pub fn until_inputs(
         &mut self,
         what: &str,
@@ -272,7 +274,7 @@ impl TrialCore {
     /// Requests the next index pulse of an axis and waits until the request is taken over.
     ///
     /// # Panics
-    /// It is not taken over in time, or a pulse of an earlier request is reported for it.
+    /// If it is not taken over in time, or a pulse of an earlier request is reported for it.
     pub fn request_index(&mut self, axis: u32) -> Feedback {
         self.index = (self.index.0 + 1, axis);
         let number = self.index.0;
@@ -283,7 +285,7 @@ impl TrialCore {
         taken
     }
 
-    /// The position latched for the newest request.
+    /// Waits for the position latched for the newest request.
     ///
     /// # Panics
     /// If none comes in time.
@@ -295,15 +297,15 @@ impl TrialCore {
         latched.index_position
     }
 
-    /// Goes to where the axes stand, and switches the drives on.
+    /// Sets the commanded positions to those of the axes, and switches the drives on.
     ///
     /// # Panics
-    /// If they are not in operation in time.
+    /// If the drives are not operational in time.
     pub fn bring_up(&mut self) -> Feedback {
         self.bring_up_beside(0.0)
     }
 
-    /// The same with setpoints of X that are so far from where X stands, mm.
+    /// Like [`TrialCore::bring_up`], with setpoints of X at this distance from its position, mm.
     ///
     /// # Panics
     /// As [`TrialCore::bring_up`].

@@ -1,6 +1,6 @@
-//! For tests: an allocator that counts, so that what must not allocate can be shown not to.
+//! A counting allocator for tests, which shows that code does not allocate.
 //!
-//! A test makes it the allocator of its program and compares [`calls`] or [`allocations`] before and after:
+//! A test makes it the global allocator and compares [`calls`] or [`allocations`] before and after:
 //!
 //! ```
 //! use evolvent_counting::{CountingAllocator, calls};
@@ -12,12 +12,12 @@
 //! assert_eq!(calls(), before + 2);
 //! ```
 //!
-//! Each thread has its own counts: the harness of the tests allocates on others.
+//! Each thread has its own counts, because the test harness allocates on other threads.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-/// The system's allocator, counting.
+/// The system's allocator with counters.
 #[derive(Debug)]
 pub struct CountingAllocator;
 
@@ -27,7 +27,8 @@ thread_local! {
     static LIVE: Cell<i64> = const { Cell::new(0) };
 }
 
-/// Bytes that this thread has allocated and not freed; what another thread frees is not subtracted.
+/// Bytes that this thread has allocated minus those that it has freed. Memory freed by another thread is not
+/// subtracted.
 #[must_use]
 pub fn live_bytes() -> i64 {
     LIVE.with(Cell::get)
@@ -37,13 +38,13 @@ fn add_live(bytes: i64) {
     LIVE.with(|live| live.set(live.get() + bytes));
 }
 
-/// Allocations of this thread so far, those that grow or shrink among them.
+/// Number of allocations of this thread so far, reallocations included.
 #[must_use]
 pub fn allocations() -> u64 {
     TAKEN.with(Cell::get)
 }
 
-/// The same and what was freed: the cycle does neither.
+/// Number of allocations and deallocations of this thread so far. The real-time cycle does neither.
 #[must_use]
 pub fn calls() -> u64 {
     allocations() + GIVEN_BACK.with(Cell::get)

@@ -1,5 +1,4 @@
-//! For tests of real time: a trial that failed is played again where the host kept its processes from
-//! running.
+//! For real-time tests: a failed trial is repeated if the host kept its processes from running.
 //!
 //! ```
 //! use std::time::Duration;
@@ -14,7 +13,7 @@
 //! assert!(woke);
 //! ```
 //!
-//! A process that the trial started and that records its own pauses is heard through [`tell_pause`].
+//! [`tell_pause`] adds pauses that a process of the trial has recorded itself.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -28,28 +27,28 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Whatever is kept waiting for longer explains a failure. Three quarters of the shortest patience that is
-/// tested: a bridge that is suspended for ten periods of 1 ms brakes by itself.
+/// A longer pause explains a failure. Three quarters of the shortest time limit under test: a bridge that is
+/// suspended for ten periods of 1 ms brakes by itself.
 const PAUSE: Duration = Duration::from_micros(7500);
 const ATTEMPTS: u32 = 5;
-/// On a host that is never quiet for so long each attempt fails, and nothing is lost by giving up.
+/// Attempts of [`where_undisturbed`]. On a host that is never quiet for the length of a trial, every attempt
+/// would fail.
 const QUIET_ATTEMPTS: u32 = 3;
 
 thread_local! {
     static TOLD_NS: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Says that a process of the test was kept from running for so long, by what it recorded itself.
+/// Adds a pause of another process of the test, as that process has recorded it, ns.
 pub fn tell_pause(pause_ns: u64) {
     TOLD_NS.with(|told| told.set(told.get().max(pause_ns)));
 }
 
-/// Plays a trial, and again (at most five times) where it failed while the host kept this process, the core
-/// or the drives from running. What fails on a host that let them run fails at once, and what is broken fails
-/// each time.
+/// Runs a trial, at most five times: it is repeated if it fails while the host kept this process, the core or
+/// the drives from running. A failure without such a pause counts at once, and broken code fails every time.
 ///
 /// # Panics
-/// As the trial does.
+/// If the last attempt panics.
 pub fn unless_disturbed<T>(trial: impl Fn() -> T) -> T {
     match play(PAUSE, ATTEMPTS, trial) {
         Played::Passed(result) => result,
@@ -57,12 +56,12 @@ pub fn unless_disturbed<T>(trial: impl Fn() -> T) -> T {
     }
 }
 
-/// As [`unless_disturbed`] with at most three attempts, for what holds only while the host lets each cycle
-/// run in time: no pause may be longer than `pause`. `None`, after printing "not measured", if every attempt
-/// failed while the host was busy.
+/// Like [`unless_disturbed`] with at most three attempts, for properties that hold only while every cycle
+/// runs in time: a pause longer than `pause` explains a failure. Returns `None`, and prints "not measured",
+/// if every attempt failed while the host was busy.
 ///
 /// # Panics
-/// As the trial does, where the host let it run.
+/// If the trial panics without such a pause.
 pub fn where_undisturbed<T>(pause: Duration, trial: impl Fn() -> T) -> Option<T> {
     match play(pause, QUIET_ATTEMPTS, trial) {
         Played::Passed(result) => Some(result),
@@ -74,11 +73,11 @@ pub fn where_undisturbed<T>(pause: Duration, trial: impl Fn() -> T) -> Option<T>
     }
 }
 
-/// How trials ended, with what the last one said.
+/// Result of the attempts, with the panic of the last one.
 enum Played<T> {
     Passed(T),
     Failed(Box<dyn Any + Send>),
-    /// Each of them failed while the host kept it from running.
+    /// Every attempt failed while the host kept it from running.
     Disturbed(Box<dyn Any + Send>),
 }
 
@@ -103,11 +102,11 @@ fn play<T>(longest: Duration, attempts: u32, trial: impl Fn() -> T) -> Played<T>
     }
 }
 
-/// The longest time that a thread beside the work, which sleeps for 2 ms at a time, was kept waiting: for
-/// tests that count the trials that the host let run, and those alone.
+/// Runs the work and returns the longest delay of a thread beside it that sleeps for 2 ms at a time. Tests
+/// use this to count only trials that the host did not disturb.
 ///
 /// # Panics
-/// As the work does.
+/// If the work panics.
 pub fn watched<T>(work: impl FnOnce() -> T) -> (T, Duration) {
     let over = Arc::new(AtomicBool::new(false));
     let told = Arc::clone(&over);
@@ -153,7 +152,7 @@ mod tests {
 
     #[test]
     fn a_failure_without_a_pause_is_one() {
-        // Which the host may make by itself.
+        // The host may cause such pauses by itself.
         let (count, has_passed) = (0..20)
             .map(|_| attempts(1_000_000, |attempt| attempt == 1))
             .min()

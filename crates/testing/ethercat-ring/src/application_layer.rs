@@ -14,7 +14,8 @@ pub enum AlState {
 }
 
 impl AlState {
-    /// The state of a number; none for bootstrap, which no device here has, and for what is none.
+    /// The state with this number; `None` for bootstrap, which no device here supports, and for unknown
+    /// numbers.
     #[must_use]
     pub const fn from_number(number: u8) -> Option<Self> {
         match number {
@@ -27,17 +28,17 @@ impl AlState {
     }
 }
 
-/// AL status codes (ETG.1020) that devices here give.
+/// AL status codes (ETG.1020) that these devices report.
 pub mod status_code {
-    /// From this state not to that one.
+    /// Invalid requested state change.
     pub const INVALID_CHANGE: u16 = 0x0011;
-    /// No such state.
+    /// Unknown requested state.
     pub const UNKNOWN_STATE: u16 = 0x0012;
-    /// No bootstrap.
+    /// Bootstrap not supported.
     pub const NO_BOOTSTRAP: u16 = 0x0013;
     /// The SyncManagers of the mailbox are wrong.
     pub const MAILBOX_CONFIGURATION: u16 = 0x0016;
-    /// No valid outputs have come.
+    /// No valid outputs were received.
     pub const NO_VALID_OUTPUTS: u16 = 0x0019;
     /// The watchdog of the process data has expired.
     pub const WATCHDOG: u16 = 0x001B;
@@ -45,29 +46,29 @@ pub mod status_code {
     pub const OUTPUT_CONFIGURATION: u16 = 0x001D;
     /// The SyncManager of the inputs is wrong.
     pub const INPUT_CONFIGURATION: u16 = 0x001E;
-    /// The inputs that are assigned cannot be mapped.
+    /// The assigned inputs cannot be mapped.
     pub const INPUT_MAPPING: u16 = 0x0024;
-    /// SYNC0 is asked for and does not come.
+    /// SYNC0 is requested and does not occur.
     pub const NO_SYNC: u16 = 0x002D;
-    /// The period is none that the device can do.
+    /// The device does not support the period.
     pub const SYNC_CYCLE_TIME: u16 = 0x0035;
-    /// The period of SYNC0 is none that the device can do.
+    /// The device does not support the period of SYNC0.
     pub const SYNC_CYCLE: u16 = 0x0036;
 }
 
-/// How long a device waits for outputs on its way to OP, ns.
+/// Time for which a device waits for outputs before OP, ns.
 const OUTPUTS_TIMEOUT_NS: u64 = 2_000_000_000;
 
-/// What the device finds when it is asked to go up.
+/// Result of the device's check of a requested higher state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Check {
     Fine,
-    /// Not yet: outputs have to come first.
+    /// Wait: outputs must be received first.
     Wait,
     Wrong(u16),
 }
 
-/// State, and what was wrong last.
+/// State and last error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ApplicationLayer {
     state: AlState,
@@ -101,15 +102,15 @@ impl ApplicationLayer {
         self.waiting_since_ns.is_some()
     }
 
-    /// The device leaves a state by itself.
+    /// Changes to a lower state without a request.
     pub(crate) fn fall_to(&mut self, state: AlState, code: u16) {
         self.state = self.state.min(state);
         self.code = code;
         self.waiting_since_ns = None;
     }
 
-    /// AL control was written, or a way to OP is still open. `check` tells whether the device may go to a
-    /// state.
+    /// Handles a write of AL control, or a change to OP that is still pending. `check` returns whether the
+    /// device may enter a state.
     pub(crate) fn request(&mut self, control: u16, now_ns: u64, check: impl FnOnce(AlState) -> Check) {
         let acknowledges = control >> 4 & 1 == 1;
         let number = (control & 0x0F) as u8;
@@ -124,7 +125,7 @@ impl ApplicationLayer {
         if acknowledges {
             self.code = 0;
         } else if self.code != 0 && wanted >= self.state && wanted != AlState::Init {
-            // An error has to be acknowledged before anything else but a way down.
+            // An error must be acknowledged before any change other than to a lower state.
             return;
         }
         if wanted <= self.state {

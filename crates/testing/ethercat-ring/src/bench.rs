@@ -1,4 +1,4 @@
-//! A bench for tests: a network namespace with a virtual cable, the ring at one end.
+//! A bench for tests: a network namespace with a virtual cable and the ring at one end.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -14,14 +14,15 @@ pub const MAIN_INTERFACE: &str = "ec0";
 /// The ring's end.
 const RING_INTERFACE: &str = "ec1";
 
-/// The ring that runs on the bench.
+/// The ring on the bench.
 pub type SharedRing = Arc<Mutex<Ring>>;
 
-/// Runs a test on a thread of its own, in a network namespace that ends with it. Processes that the test
-/// starts see the same interfaces. None where this user may not make namespaces or interfaces, which is said.
+/// Runs a test on its own thread, in a network namespace that ends with it. Processes that the test starts
+/// see the same interfaces. Returns `None` and prints a message if this user may not create namespaces or
+/// interfaces.
 ///
 /// # Panics
-/// The test has panicked, or the virtual cable gets no carrier.
+/// If the test panics, or the virtual cable gets no carrier.
 pub fn on_bench<R: Send + 'static>(
     devices: Vec<SubDevice>,
     test: impl FnOnce(&SharedRing) -> R + Send + 'static,
@@ -54,7 +55,7 @@ pub fn on_bench<R: Send + 'static>(
         .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
-/// A namespace of this thread's own, with a pair of virtual interfaces that are up.
+/// Creates a namespace for this thread, with a pair of virtual interfaces that are up.
 fn make_cable() -> Result<(), String> {
     own_namespace()?;
     ip(&[
@@ -69,7 +70,7 @@ fn make_cable() -> Result<(), String> {
         RING_INTERFACE,
     ])?;
     for interface in [MAIN_INTERFACE, RING_INTERFACE] {
-        // Nobody else is to speak here.
+        // No other protocol may send frames here.
         let path = format!("/proc/sys/net/ipv6/conf/{interface}/disable_ipv6");
         let _ignored = std::fs::write(path, "1");
         ip(&["link", "set", interface, "up"])?;

@@ -1,40 +1,40 @@
 //! The distributed clock of one device: a crystal that drifts, and a loop that follows the reference.
 
-/// The largest correction of the speed, as a ratio.
+/// Maximum correction of the rate, as a ratio.
 const MAX_CORRECTION: f64 = 1e-3;
-/// Pulses that are made up for after a pause of the simulator.
+/// Maximum number of pulses delivered late after a pause of the simulator.
 const MAX_PULSES: u64 = 1000;
 
-/// A clock with a drift. The loop that follows the reference is proportional and integral; a real
-/// controller's adder steps by single ns, which is slower and less smooth.
+/// A clock with a drift. A PI loop follows the reference. The adder of a real controller steps by single ns,
+/// which is slower and less smooth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Clock {
     drift: f64,
-    /// Ratio by which the loop makes the clock faster.
+    /// Correction of the rate by the loop, as a ratio.
     correction: f64,
     integral: f64,
     /// Local time `local_ns` plus `fraction_ns` at the simulator's time `at_ns`.
     at_ns: u64,
     local_ns: u64,
     fraction_ns: f64,
-    /// Added for the system time.
+    /// System time minus local time.
     pub(crate) offset_ns: u64,
     pub(crate) delay_ns: u32,
     mean_difference_ns: f64,
-    /// Its registers have 32 bits.
+    /// The registers have 32 bits.
     pub(crate) is_short: bool,
     /// The loop does not follow the reference.
     pub(crate) ignores_reference: bool,
     compared_at_ns: Option<u64>,
     /// System time of the next SYNC0, where it is on.
     next_sync_ns: Option<u64>,
-    /// SYNC0 has come since it was switched on.
+    /// SYNC0 has occurred since it was switched on.
     has_pulsed: bool,
     cycle_ns: u64,
 }
 
 impl Clock {
-    /// A clock that was just supplied. A positive drift makes it fast.
+    /// Creates the clock of a device that has just been supplied. A positive drift makes it fast.
     pub(crate) fn new(now_ns: u64, drift_ppm: f64) -> Self {
         Self {
             drift: drift_ppm * 1e-6,
@@ -70,7 +70,7 @@ impl Clock {
         self.local(now_ns).wrapping_add(self.offset_ns)
     }
 
-    /// A time as registers show it.
+    /// A time as the registers show it.
     pub(crate) const fn shown(&self, time_ns: u64) -> u64 {
         if self.is_short {
             time_ns as u32 as u64
@@ -79,7 +79,7 @@ impl Clock {
         }
     }
 
-    /// The time of this clock that a register means.
+    /// The full time that corresponds to a register, next to the present time.
     fn meant(&self, now_ns: u64, register: u64) -> u64 {
         let system_ns = self.system(now_ns);
         if self.is_short {
@@ -97,14 +97,14 @@ impl Clock {
         self.at_ns = now_ns;
     }
 
-    /// Drops what the loop has found, as a write to its start value does.
+    /// Resets the loop, as a write to its start value does.
     pub(crate) fn reset_loop(&mut self, now_ns: u64) {
         self.rebase(now_ns);
         (self.correction, self.integral, self.mean_difference_ns) = (0.0, 0.0, 0.0);
         self.compared_at_ns = None;
     }
 
-    /// The reference's system time, the lower 32 bits of it, comes by.
+    /// Compares the clock with the lower 32 bits of the reference's system time.
     pub(crate) fn compare(&mut self, now_ns: u64, received: u32) {
         let own = self.system(now_ns) as u32;
         let difference_ns = f64::from(own.wrapping_sub(received.wrapping_add(self.delay_ns)) as i32);
@@ -126,13 +126,13 @@ impl Clock {
             (-difference_ns / constant_ns - self.integral).clamp(-MAX_CORRECTION, MAX_CORRECTION);
     }
 
-    /// Register 092Ch: magnitude, and in bit 31 whether the local copy is behind.
+    /// Register 092Ch: the magnitude of the difference; bit 31 is set if the local copy is late.
     pub(crate) fn difference(&self) -> u32 {
         let magnitude = (self.mean_difference_ns.abs() as u32).min(0x7FFF_FFFF);
         magnitude | u32::from(self.mean_difference_ns < 0.0) << 31
     }
 
-    /// Switches SYNC0 on. A start that has passed already never comes.
+    /// Switches SYNC0 on. If the start time has passed, SYNC0 never occurs.
     pub(crate) fn start_sync(&mut self, now_ns: u64, start_ns: u64, cycle_ns: u32) {
         let start_ns = self.meant(now_ns, start_ns);
         let ahead_ns = start_ns.wrapping_sub(self.system(now_ns)) as i64;
@@ -145,17 +145,17 @@ impl Clock {
         self.next_sync_ns = None;
     }
 
-    /// Whether SYNC0 has come.
+    /// Whether SYNC0 has occurred.
     pub(crate) const fn has_pulsed(&self) -> bool {
         self.has_pulsed
     }
 
-    /// Whether SYNC0 comes, or will.
+    /// Whether SYNC0 is running or will start.
     pub(crate) const fn has_sync(&self) -> bool {
         self.next_sync_ns.is_some()
     }
 
-    /// How long after the last SYNC0 a moment is, where SYNC0 is on.
+    /// Time from the last SYNC0 to `now_ns`, if SYNC0 is on.
     pub(crate) fn after_sync_ns(&self, now_ns: u64) -> Option<u64> {
         let until_ns = self.next_sync_ns?.wrapping_sub(self.system(now_ns)).cast_signed();
         let cycle_ns = self.cycle_ns.cast_signed().max(1);
@@ -166,7 +166,8 @@ impl Clock {
         self.cycle_ns
     }
 
-    /// The next SYNC0 up to `now_ns`, by the simulator's time; call until there is none.
+    /// Returns the next SYNC0 up to `now_ns`, in the simulator's time. Call repeatedly until it returns
+    /// `None`.
     pub(crate) fn take_sync(&mut self, now_ns: u64) -> Option<u64> {
         let next_ns = self.next_sync_ns?;
         let since_ns = self.system(now_ns).wrapping_sub(next_ns);
@@ -222,7 +223,7 @@ mod tests {
         clock.is_short = true;
         let wrap_ns = 1 << 32;
         assert_eq!(clock.shown(clock.system(wrap_ns + 5)), 5);
-        // A start behind the end of the register, and a pulse each ms from there on.
+        // The start is after the wrap of the register, with a pulse every ms from there on.
         clock.start_sync(wrap_ns - 2_000_000, 500_000, 1_000_000);
         let mut pulses = Vec::new();
         while let Some(at_ns) = clock.take_sync(wrap_ns + 3_000_000) {

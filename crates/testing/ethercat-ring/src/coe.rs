@@ -1,4 +1,4 @@
-//! CANopen over EtherCAT: the server of service data objects, and of information about them.
+//! CANopen over EtherCAT: the SDO server and the SDO information service.
 
 use crate::object::{Access, Dictionary, Mapping, ObjectCode};
 
@@ -37,14 +37,14 @@ const SDO_RESPONSE: u16 = 3;
 const SDO_INFORMATION: u16 = 8;
 /// Length of CoE header and SDO header.
 const SDO_HEADER: usize = 10;
-/// Process data of a device, at most.
+/// Maximum process data of a device, bits.
 const MAX_PDO_BITS: i64 = 512 * 8;
 
-/// What the server says for the message that came.
+/// Reply of the server to a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Reply {
     Nothing,
-    /// CoE data, one message each.
+    /// CoE messages.
     Messages(Vec<Vec<u8>>),
 }
 
@@ -72,12 +72,12 @@ enum Transfer {
 #[derive(Clone, Debug)]
 pub(crate) struct Server {
     transfer: Transfer,
-    /// Data of a mailbox behind its header, at most.
+    /// Maximum data of a mailbox after its header, bytes.
     room: usize,
 }
 
 impl Server {
-    /// For mailboxes of so many bytes.
+    /// Creates a server for mailboxes of this size, bytes.
     pub(crate) fn new(mailbox_bytes: usize) -> Self {
         Self {
             transfer: Transfer::None,
@@ -85,7 +85,7 @@ impl Server {
         }
     }
 
-    /// Takes the data of a CoE message. `configurable`: the device is in PRE-OP.
+    /// Handles the data of a CoE message. `configurable`: the device is in PRE-OP.
     pub(crate) fn handle(&mut self, message: &[u8], objects: &mut Dictionary, configurable: bool) -> Reply {
         let Some((&[h0, h1], body)) = message.split_first_chunk::<2>() else {
             return Reply::Nothing;
@@ -140,7 +140,7 @@ impl Server {
         self.transfer = Transfer::None;
         let complete = command & 0x10 != 0;
         if command & 2 != 0 {
-            // Expedited; without a size given the object's own.
+            // Expedited; without a stated size, the size of the object applies.
             let count = if command & 1 != 0 {
                 4 - usize::from(command >> 2 & 3)
             } else {
@@ -196,7 +196,7 @@ impl Server {
         if (command & 0x10 != 0) != *toggle {
             return Err(abort::TOGGLE);
         }
-        // The data field has at least seven bytes; unused ones are counted in the command.
+        // The data field has at least seven bytes; the command has the number of unused ones.
         let unused = if body.len() == 7 {
             usize::from(command >> 1 & 7)
         } else {
@@ -300,7 +300,7 @@ impl Server {
         }
     }
 
-    /// Lists may take several fragments.
+    /// Returns an object list, in several fragments if necessary.
     fn object_list(&self, kind: u16, objects: &Dictionary) -> Vec<Vec<u8>> {
         let listed = |kind: u16| -> Vec<u16> {
             let is_mapped = |index: u16, mapping| {
@@ -360,7 +360,7 @@ fn response(command: u8, index: u16, sub_index: u8, data: &[u8; 4]) -> Vec<u8> {
     message
 }
 
-/// An aborted transfer: it travels as a request.
+/// An abort message, which has the type of a request.
 pub(crate) fn abort_message(index: u16, sub_index: u8, code: u32) -> Vec<u8> {
     let mut message = coe_header(SDO_REQUEST);
     message.push(0x80);
@@ -431,7 +431,7 @@ fn check_target(objects: &Dictionary, index: u16, sub_index: u8, complete: bool)
     Ok(())
 }
 
-/// A whole object: sub-index 0 takes 16 bits, the others follow without gaps.
+/// With complete access, sub-index 0 takes 16 bits and the others follow without gaps.
 fn read(objects: &Dictionary, index: u16, sub_index: u8, complete: bool) -> Result<Vec<u8>, u32> {
     check_target(objects, index, sub_index, complete)?;
     let object = objects.object(index).ok_or(abort::NO_OBJECT)?;
@@ -462,7 +462,7 @@ fn write(
     if !complete {
         return write_entry(objects, index, sub_index, data, configurable);
     }
-    // Not piece by piece: an array of PDOs is emptied, filled and closed.
+    // All or nothing: a PDO list must be emptied, filled and closed.
     let before = objects.clone();
     let result = write_complete(objects, index, sub_index, data, configurable);
     if result.is_err() {
@@ -505,8 +505,8 @@ fn write_complete(
     }
 }
 
-/// Assignments (1C12h, 1C13h) and mappings (1600h.., 1A00h..): sub-index 0 is written, and says how many
-/// count.
+/// Assignments (1C12h, 1C13h) and mappings (1600h.., 1A00h..): sub-index 0 is writable and is the number of
+/// valid entries.
 fn is_pdo_list(index: u16) -> bool {
     matches!(index, 0x1C12 | 0x1C13 | 0x1600..=0x17FF | 0x1A00..=0x1BFF)
 }

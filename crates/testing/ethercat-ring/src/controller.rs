@@ -1,4 +1,4 @@
-//! The EtherCAT SubDevice controller: datagrams against registers, FMMUs, SyncManagers, SII and clock.
+//! The EtherCAT SubDevice controller: applies datagrams to registers, FMMUs, SyncManagers, SII and clock.
 
 use crate::clock::Clock;
 use crate::datagram::{Command, Datagram};
@@ -7,7 +7,7 @@ use crate::registers::{Registers, address};
 use crate::sii::{Contents, Sii};
 use crate::sync_manager::{Access, Channel, SYNC_MANAGERS, SyncManager};
 
-/// First address behind the registers of the distributed clock.
+/// First address after the registers of the distributed clock.
 const DC_END: u16 = 0x0A00;
 /// Bits of DC activation: the cyclic unit, SYNC0.
 const SYNC0_ACTIVE: u8 = 0b11;
@@ -15,21 +15,21 @@ const SYNC0_ACTIVE: u8 = 0b11;
 const WATCHDOG_DEFAULTS: [(u16, u16); 2] =
     [(address::WATCHDOG_DIVIDER, 2498), (address::WATCHDOG_TIME, 1000)];
 
-/// When a frame comes by.
+/// Times at which a frame passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Passing {
-    /// At the processing unit.
+    /// Time at the processing unit.
     pub(crate) now_ns: u64,
-    /// Back from the devices behind this one; none where it is the last.
+    /// Time of return from the devices after this one; `None` for the last device.
     pub(crate) return_ns: Option<u64>,
 }
 
-/// What the MainDevice has done that the device has to see to.
+/// Actions of the MainDevice that the device must handle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Events {
     /// AL control was written.
     pub(crate) al_control: bool,
-    /// Outputs have been written to their end.
+    /// Outputs have been written completely.
     pub(crate) outputs: bool,
 }
 
@@ -89,15 +89,16 @@ impl Controller {
         &mut self.managers[number]
     }
 
-    /// Links of ports 0 and 1; loops of the others are closed.
+    /// Sets the links of ports 0 and 1; the loops of the other ports are closed.
     pub(crate) fn set_links(&mut self, has_next: bool) {
-        // Supplied, links, and for each port loop closed (even bits) or communication (odd bits).
+        // Bits: operational, links, and for each port "loop closed" (even bits) or "communication" (odd
+        // bits).
         let mut status: u16 = 0b11 | 1 << 4 | 1 << 9 | 1 << 12 | 1 << 14;
         status |= if has_next { 1 << 5 | 1 << 11 } else { 1 << 10 };
         self.registers.set(address::DL_STATUS, &status.to_le_bytes());
     }
 
-    /// One datagram comes by.
+    /// Processes one datagram.
     pub(crate) fn process(&mut self, datagram: &mut Datagram<'_>, passing: Passing) {
         match datagram.command {
             Command::Nothing => {}
@@ -113,7 +114,7 @@ impl Controller {
         }
     }
 
-    /// Whether it is for this device, and what is to be done. Positions are counted up here.
+    /// Decides whether the datagram is for this device, and which operations it needs. Increments positions.
     fn addressing(&self, command: Command, datagram: &mut Datagram<'_>) -> (bool, bool, bool) {
         let position = datagram.position();
         let (is_first, is_station) = (position == 0, self.is_station(position));
@@ -212,7 +213,7 @@ impl Controller {
         }
     }
 
-    /// Whether the SyncManagers let the MainDevice touch these bytes.
+    /// Whether the SyncManagers permit the MainDevice to access these bytes.
     fn access(&mut self, begin: u16, length: usize, writes: bool) -> bool {
         for number in 0..SYNC_MANAGERS {
             let Some(channel) = self
@@ -248,7 +249,7 @@ impl Controller {
         true
     }
 
-    /// Puts into the registers what is computed when it is read.
+    /// Updates registers that are computed when they are read.
     fn refresh(&mut self, begin: u16, length: usize, now_ns: u64) {
         let touches =
             |first: u16, last: u16| begin < last && usize::from(begin) + length > usize::from(first);
@@ -273,7 +274,7 @@ impl Controller {
         }
     }
 
-    /// Process memory, by way of an FMMU.
+    /// Writes process memory through an FMMU.
     fn write_memory(&mut self, begin: u16, data: &[u8]) -> bool {
         if !self.access(begin, data.len(), true) {
             return false;
@@ -345,28 +346,28 @@ impl Controller {
         }
     }
 
-    /// Whether SYNC0 is asked for.
+    /// Whether SYNC0 is requested.
     pub(crate) fn wants_sync(&self) -> bool {
         self.clock.is_some() && self.registers.u8(address::DC_ACTIVATION) & SYNC0_ACTIVE == SYNC0_ACTIVE
     }
 
-    /// Outputs have come.
+    /// Feeds the watchdog after outputs were received.
     pub(crate) fn feed_watchdog(&mut self, now_ns: u64) {
         self.fed_ns = Some(now_ns);
         self.registers.set(address::WATCHDOG_STATUS, &[1]);
     }
 
-    /// How long after SYNC0 they came, ns by the device's clock; none without SYNC0.
+    /// Time from SYNC0 to the last outputs, ns by the device's clock; `None` without SYNC0.
     pub(crate) fn outputs_after_sync0_ns(&self) -> Option<u64> {
         self.clock.as_ref()?.after_sync_ns(self.fed_ns?)
     }
 
-    /// Whether outputs have come since [`Controller::rest_watchdog`].
+    /// Whether outputs were received since [`Controller::rest_watchdog`].
     pub(crate) const fn was_fed(&self) -> bool {
         self.fed_ns.is_some()
     }
 
-    /// Forgets the outputs that came.
+    /// Forgets the outputs received.
     pub(crate) const fn rest_watchdog(&mut self) {
         self.fed_ns = None;
     }

@@ -6,8 +6,8 @@ pub(crate) const ETHER_TYPE: u16 = 0x88A4;
 const HEADERS: usize = 16;
 /// Header of a datagram; the working counter follows the data.
 const DATAGRAM_HEADER: usize = 10;
-/// The bit of an address that says it was assigned locally. A controller sets it in the source of every
-/// frame.
+/// Bit of an Ethernet address that marks it as locally administered. A controller sets it in the source
+/// address of every frame.
 const LOCAL_ADDRESS: u8 = 0x02;
 
 /// Commands of datagrams (ETG.1000.4, section 5.4).
@@ -49,7 +49,7 @@ impl Command {
         Self::StationReadMultipleWrite,
     ];
 
-    /// Devices count the position up as the datagram passes.
+    /// Whether each device increments the position as the datagram passes.
     pub(crate) const fn counts_position(self) -> bool {
         matches!(
             self,
@@ -74,7 +74,7 @@ pub(crate) struct Datagram<'a> {
 }
 
 impl Datagram<'_> {
-    /// Position or station.
+    /// Position or station address.
     pub(crate) fn position(&self) -> u16 {
         let [a, b, _, _] = *self.address;
         u16::from_le_bytes([a, b])
@@ -108,20 +108,20 @@ impl Datagram<'_> {
     }
 }
 
-/// Whether a frame is one of EtherCAT's, with datagrams.
+/// Whether a frame is an EtherCAT frame with datagrams.
 pub(crate) fn is_ethercat(frame: &[u8]) -> bool {
     let header = frame.first_chunk::<HEADERS>();
     header.is_some_and(|header| header[12..14] == ETHER_TYPE.to_be_bytes() && header[15] >> 4 == 1)
 }
 
-/// Marks a frame as one that a device has passed on: a MainDevice discards those that bear its own address.
+/// Marks a frame as passed on by a device: a MainDevice discards frames with its own address.
 pub(crate) fn mark_as_passed(frame: &mut [u8]) {
     if let Some(source) = frame.get_mut(6) {
         *source |= LOCAL_ADDRESS;
     }
 }
 
-/// Calls for each datagram of a frame, in their order. A frame that ends early ends it.
+/// Calls `call` for each datagram of a frame, in order. Stops at the end of a truncated frame.
 pub(crate) fn for_each_datagram(frame: &mut [u8], mut call: impl FnMut(&mut Datagram<'_>)) {
     let Some((header, mut rest)) = frame.split_first_chunk_mut::<HEADERS>() else {
         return;

@@ -31,7 +31,7 @@ const DRIVE_INPUTS: [(u16, u8); 12] = [
     (0, 0),
     (0, 0),
 ];
-/// Entries that a PDO of a drive can hold.
+/// Maximum number of entries of a drive's PDO.
 const PDO_SLOTS: usize = 16;
 
 /// Objects of a device, its PDOs, and whether it has a mailbox.
@@ -127,7 +127,7 @@ pub(crate) fn device_objects(
     (objects, described, has_mailbox)
 }
 
-/// A list whose sub-index 0 says how many of its places count.
+/// Creates a list whose sub-index 0 is the number of valid entries.
 fn list(
     objects: &mut Dictionary,
     index: u16,

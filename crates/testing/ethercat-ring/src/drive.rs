@@ -13,7 +13,7 @@ use crate::probe::{Probe, ProbeSources};
 
 /// The period of the drive's own control, ns.
 pub(crate) const STEP_NS: u64 = 125_000;
-/// The same, s.
+/// [`STEP_NS`] in s.
 const STEP_S: f64 = 125e-6;
 /// Gain of the position loop, 1/s.
 const POSITION_GAIN: f64 = 80.0;
@@ -21,9 +21,9 @@ const POSITION_GAIN: f64 = 80.0;
 const SPEED_BANDWIDTH: f64 = TAU * 60.0;
 /// Integral time of the speed loop, s.
 const INTEGRAL_S: f64 = 0.02;
-/// The most that a drive gives, in rated torques.
+/// Maximum torque, as a multiple of the rated torque.
 const PEAK_TORQUE: f64 = 3.0;
-/// Speed below which the axis stands, turns/s.
+/// Speed below which the axis is at standstill, turns/s.
 const STANDING: f64 = 0.01;
 /// Steps of the self-test: 10 ms.
 const SELF_TEST: u32 = 80;
@@ -40,14 +40,14 @@ const CSP: i8 = 8;
 const HOMING: i8 = 6;
 const CSV: i8 = 9;
 
-/// What is wrong with a drive on demand.
+/// Simulated faults of a drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct DriveTrouble {
     /// A fault with this code.
     pub(crate) fault: Option<u16>,
     /// Safe torque off.
     pub(crate) torque_off: bool,
-    /// The load is held fast.
+    /// The load is blocked.
     pub(crate) blocked: bool,
     /// Both limit switches are pressed.
     pub(crate) limit: bool,
@@ -55,7 +55,7 @@ pub(crate) struct DriveTrouble {
     pub(crate) no_index: bool,
 }
 
-/// Outputs as they were taken over last.
+/// The last accepted outputs.
 #[derive(Clone, Copy, Debug, Default)]
 struct Orders {
     control_word: u16,
@@ -66,7 +66,7 @@ struct Orders {
     torque_offset: i16,
 }
 
-/// Where the axis shall be, in turns.
+/// Demand position of the axis, turns.
 #[derive(Clone, Copy, Debug, Default)]
 struct Demand {
     position: f64,
@@ -79,20 +79,20 @@ pub struct Drive {
     settings: DriveSettings,
     machine: DriveMachine,
     masses: TwoMass,
-    /// Added to increments of the motor for those that the drive names.
+    /// Reported position minus motor position, increments.
     offset: i64,
     orders: Orders,
     demand: Demand,
-    /// Turns a step on the way to the newest target, and steps that are left.
+    /// Turns per step towards the newest target, and the remaining steps.
     stride: (f64, u32),
-    /// The longest way from one target to the next in operation, in turns.
+    /// Maximum distance between successive targets in operation, turns.
     longest_step_turns: f64,
     integral_n_m: f64,
     torque_n_m: f64,
     homing: Homing,
     probe: Probe,
     beyond_window_s: f64,
-    /// What the drive itself has found, until it is reset.
+    /// Fault detected by the drive itself, until it is reset.
     own_fault: Option<u16>,
     was_operational: bool,
     was_supplied: bool,
@@ -101,7 +101,7 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// A drive that was just supplied.
+    /// Creates a drive that has just been supplied.
     #[must_use]
     pub(crate) fn new(settings: DriveSettings) -> Self {
         let start = (settings.start_turns * f64::from(settings.resolution)).floor() as i64;
@@ -130,11 +130,11 @@ impl Drive {
         }
     }
 
-    /// Supply is switched off and on: only an absolute encoder keeps its position.
+    /// Simulates a restart of the supply: only an absolute encoder keeps its position.
     pub(crate) fn restart(&mut self) {
         let (masses, settings) = (self.masses, self.settings);
         let counted = (masses.motor / TAU * f64::from(settings.resolution)).floor() as i64;
-        // Its first supply is when the ring is made.
+        // The first supply occurs when the ring is created.
         let keeps = settings.absolute || !self.was_supplied;
         let offset = if keeps { self.offset } else { -counted };
         *self = Self {
@@ -145,19 +145,19 @@ impl Drive {
             },
             offset,
             was_supplied: true,
-            // The step from where it started is no edge.
+            // The step to the start position is no edge.
             probe: Probe::at(masses.motor / TAU),
             ..Self::new(settings)
         };
     }
 
-    /// Its set-up.
+    /// The settings of the drive.
     #[must_use]
     pub const fn settings(&self) -> &DriveSettings {
         &self.settings
     }
 
-    /// Its power state.
+    /// The state of the CiA 402 state machine.
     #[must_use]
     pub const fn state(&self) -> DriveState {
         self.machine.state()
@@ -192,7 +192,7 @@ impl Drive {
         ((turns * f64::from(self.settings.resolution)).floor() as i64).wrapping_add(self.offset) as i32
     }
 
-    /// Turns of a position as the drive names it, next to where the motor is.
+    /// Converts a reported position to turns, choosing the counter turn nearest to the motor.
     fn turns(&self, increments: i32) -> f64 {
         let away = increments.wrapping_sub(self.position());
         let resolution = f64::from(self.settings.resolution);
@@ -209,7 +209,7 @@ impl Drive {
         ]
     }
 
-    /// Takes over outputs. `cycle_ns` is the period of SYNC0, where that is on.
+    /// Accepts outputs. `cycle_ns` is the period of SYNC0, if it is on.
     pub(crate) fn take_outputs(&mut self, objects: &Dictionary, cycle_ns: Option<u64>) {
         let before = self.orders;
         self.orders = Orders {
@@ -226,7 +226,7 @@ impl Drive {
         let steps = (cycle_s / STEP_S).round().clamp(1.0, 800.0);
         let away = self.turns(self.orders.target) - self.demand.position;
         self.stride = (away / steps, steps as u32);
-        // By the targets themselves: the motor is slower.
+        // Measured on the targets themselves, because the motor is slower.
         if self.machine.state() == DriveState::OperationEnabled
             && (before.mode, self.orders.mode) == (CSP, CSP)
         {
@@ -236,18 +236,17 @@ impl Drive {
         }
     }
 
-    /// The longest way from one target position to the next while the drive was in operation, turns, since
-    /// the last call.
+    /// Returns the maximum distance between successive targets in operation since the last call, turns.
     pub fn take_longest_step_turns(&mut self) -> f64 {
         core::mem::take(&mut self.longest_step_turns)
     }
 
-    /// The fieldbus is not in OP: what it ordered is void.
+    /// Discards the outputs, because the fieldbus is not in OP.
     pub(crate) const fn forget_orders(&mut self) {
         self.orders.control_word = 0;
     }
 
-    /// One step of the control. `operational`: the fieldbus is in OP.
+    /// Runs one control step. `operational`: the fieldbus is in OP.
     pub(crate) fn step(&mut self, objects: &Dictionary, operational: bool) {
         self.steps = self.steps.saturating_add(1);
         if self.was_operational && !operational && self.machine.has_torque() {
@@ -280,7 +279,8 @@ impl Drive {
             self.stride = (0.0, 0);
             self.integral_n_m = 0.0;
         }
-        // Demand and motor of the same instant: with that of the step's end the motor would run a step ahead.
+        // Demand and motor at the same instant: with the demand at the end of the step the motor would lead
+        // by one step.
         self.torque_n_m = self.torque(state);
         self.advance_demand(objects, state);
         self.watch_following(objects, state);
@@ -325,7 +325,7 @@ impl Drive {
             DriveState::OperationEnabled => self.demand.velocity = 0.0,
             DriveState::QuickStopActive | DriveState::FaultReactionActive => {
                 let most = objects.integer(0x6085, 0) as f64 / resolution * STEP_S;
-                // The ramp begins at the axis's own speed.
+                // The ramp begins at the actual speed of the axis.
                 if self.demand.velocity == 0.0 && self.speed_turns_s().abs() > most {
                     self.demand.velocity = self.speed_turns_s();
                 }
@@ -341,7 +341,7 @@ impl Drive {
         }
     }
 
-    /// The speed that homing wants.
+    /// The speed demanded by homing.
     fn home(&mut self, objects: &Dictionary, resolution: f64) -> f64 {
         let starts = self.orders.control_word >> 4 & 1 == 1;
         if !starts {
@@ -414,7 +414,7 @@ impl Drive {
         wanted.clamp(-peak, peak)
     }
 
-    /// Writes what it has to say into the dictionary.
+    /// Writes the inputs into the dictionary.
     pub(crate) fn give_inputs(&self, objects: &mut Dictionary) {
         let resolution = f64::from(self.settings.resolution);
         let [negative, positive] = self.limits();
@@ -473,7 +473,7 @@ mod tests {
     use super::*;
     use crate::drive_objects::add_drive_objects;
 
-    /// A drive with its objects, and outputs once a ms.
+    /// A drive with its objects, which receives outputs every ms.
     struct Axis {
         drive: Drive,
         objects: Dictionary,
@@ -509,7 +509,7 @@ mod tests {
             assert_eq!(self.drive.state(), DriveState::OperationEnabled);
         }
 
-        /// Goes at a constant speed; the largest following error behind the first 100 ms, in turns.
+        /// Moves at a constant speed. Returns the maximum following error after the first 100 ms, turns.
         fn go(&mut self, turns_s: f64, milliseconds: u32, feed_forward: bool) -> f64 {
             let resolution = f64::from(self.drive.settings.resolution);
             let start = self.objects.integer(0x607A, 0) as f64;
@@ -529,8 +529,8 @@ mod tests {
         }
     }
 
-    /// Behind a ramp a position loop trails by speed over gain; with the speed fed forward by next to
-    /// nothing.
+    /// A position loop lags a ramp by speed divided by gain, and by almost nothing with velocity
+    /// feed-forward.
     #[test]
     fn the_lag_is_speed_over_gain() {
         let mut axis = Axis::new(DriveSettings::default());
@@ -599,9 +599,9 @@ mod tests {
         assert_eq!(axis.objects.integer(0x60FD, 0) >> 16 & 1, 1);
     }
 
-    /// Touch probe 2 at the zero impulse beside touch probe 1 at its input: each at its own place, in both
-    /// directions, first edge only; a new arming takes the next impulse. Where the encoder gives no impulse
-    /// nothing is caught.
+    /// Touch probe 2 at the zero impulse together with touch probe 1 at its input: each latches its own
+    /// position, in both directions, at the first edge only. A new arming latches the next impulse. Without
+    /// an impulse nothing is latched.
     #[test]
     fn the_zero_impulse_is_caught_once_per_arming_beside_the_input() {
         for direction in [1.0, -1.0] {

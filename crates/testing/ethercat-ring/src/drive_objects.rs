@@ -1,4 +1,4 @@
-//! The objects of a drive (CiA 402), by what they are for.
+//! The objects of a drive (CiA 402), by purpose.
 
 use crate::drive_settings::DriveSettings;
 use crate::object::{Dictionary, Entry, ObjectCode, data_type as t};
@@ -15,7 +15,7 @@ pub(crate) fn add_drive_objects(settings: &DriveSettings, objects: &mut Dictiona
     for (index, entry) in variables {
         objects.variable(index, entry);
     }
-    // Longer than a mailbox, so that it goes in segments.
+    // Longer than a mailbox, so that it is transferred in segments.
     objects.variable(
         0x2000,
         Entry::text("Note", &"test simulator ".repeat(20)).writable(),

@@ -1,34 +1,34 @@
-//! How a simulated drive is set up.
+//! Settings of a simulated drive.
 
 use crate::motor::Mechanics;
 
-/// What a drive has on its shaft and how it is set up. Positions are turns of the motor.
+/// Mechanics, encoder and switches of a drive. Positions are turns of the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveSettings {
-    /// Increments of the encoder a turn.
+    /// Encoder increments per turn.
     pub resolution: u32,
     /// Motor and load.
     pub mechanics: Mechanics,
     /// Position of the axis at power-up.
     pub start_turns: f64,
-    /// What the encoder names that position.
+    /// Encoder count at that position.
     pub start_increments: i32,
-    /// Where the limit switches close.
+    /// Positions at which the limit switches close.
     pub limits_turns: [f64; 2],
-    /// Where the touch probe closes.
+    /// Position at which the touch probe closes.
     pub probe_turns: f64,
-    /// Where the encoder's zero impulse begins within each turn, 0 to below 1.
+    /// Start of the encoder's zero impulse within each turn, 0 to below 1.
     pub index_turns: f64,
-    /// By how much the speed changes in cyclic synchronous velocity, turns/s2.
+    /// Acceleration in cyclic synchronous velocity mode, turns/s2.
     pub velocity_ramp_turns_s2: f64,
-    /// The home switch (bit 2 of 60FDh) is on where the load is not beyond this.
+    /// The home switch (bit 2 of 60FDh) is on up to this position of the load.
     pub home_switch_turns: f64,
-    /// The encoder knows its position when supply returns; otherwise it counts from 0 again.
+    /// Whether the encoder is absolute; otherwise it counts from 0 again when the supply returns.
     pub absolute: bool,
 }
 
 impl Default for DriveSettings {
-    /// 2^20 increments, 400 turns between the switches, at rest in the middle.
+    /// 2^20 increments per turn, 400 turns between the limit switches, start in the middle.
     fn default() -> Self {
         Self {
             resolution: 1 << 20,

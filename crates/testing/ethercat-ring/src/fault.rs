@@ -1,4 +1,4 @@
-//! What goes wrong on demand.
+//! Faults that the simulation can produce.
 
 use core::fmt;
 use core::str::FromStr;
@@ -12,35 +12,35 @@ pub enum FaultKind {
     Loss,
     /// Frames come back 5 ms late.
     Delay,
-    /// Each second frame is overtaken by the one behind it.
+    /// Every second frame is overtaken by the next one.
     Reorder,
-    /// A device does not count in logical datagrams, and takes no outputs.
+    /// A device does not increment the working counter of logical datagrams, and accepts no outputs.
     WorkingCounter,
-    /// The cable in front of a device is open; devices behind go on without the fieldbus.
+    /// The cable before a device is open; the devices after it continue without the fieldbus.
     Break,
-    /// A device has no supply; devices behind it are cut off.
+    /// A device has no supply; the devices after it are cut off.
     Gone,
     /// A drive faults: 2310h, continuous overcurrent.
     Drive,
-    /// A drive faults: 4310h, its temperature.
+    /// A drive faults: 4310h, overtemperature.
     Temperature,
     /// A drive's safe torque off.
     TorqueOff,
     /// A drive's load is blocked.
     Blocked,
-    /// A drive's limit switches are both pressed.
+    /// Both limit switches of a drive are closed.
     Limit,
     /// A drive's encoder gives no zero impulse.
     IndexMissing,
-    /// A device's clock no longer follows the reference: it runs as fast as its crystal.
+    /// The clock of a device does not follow the reference, but runs at the rate of its crystal.
     ClockFree,
     /// SDO requests are aborted: 0800 0000h, general error.
     SdoAbort,
-    /// SDO requests are answered for another object.
+    /// Replies to SDO requests are for another object.
     SdoWrong,
-    /// The mailbox takes 300 ms for an answer.
+    /// The mailbox takes 300 ms to reply.
     SlowMailbox,
-    /// An emergency message (7121h) is in the mailbox in PRE-OP, and comes before each answer to an SDO.
+    /// An emergency message (7121h) is in the mailbox in PRE-OP, and precedes each SDO reply.
     Emergency,
     /// A device refuses SAFE-OP: AL status code 0024h, invalid input mapping.
     RefuseSafeOp,
@@ -82,21 +82,21 @@ impl FaultKind {
     }
 }
 
-/// One fault on the schedule: `KIND@SECONDS[+DURATION][:DEVICE]`, as in `loss@2.5+0.01` or `gone@3+1:2`.
+/// A scheduled fault: `KIND@SECONDS[+DURATION][:DEVICE]`, as in `loss@2.5+0.01` or `gone@3+1:2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fault {
-    /// What goes wrong.
+    /// Kind of the fault.
     pub kind: FaultKind,
-    /// When, in ns since all devices were in OP first.
+    /// Start, ns after all devices were first in OP.
     pub at_ns: u64,
-    /// For how long, in ns; for ever if none.
+    /// Duration, ns; without end if `None`.
     pub duration_ns: Option<u64>,
-    /// Which device, by its position in the ring.
+    /// Position of the device in the ring.
     pub device: usize,
 }
 
 impl Fault {
-    /// Whether it is there at a moment.
+    /// Whether the fault is active at `now_ns`.
     #[must_use]
     pub const fn is_active(&self, now_ns: u64) -> bool {
         now_ns >= self.at_ns
@@ -107,7 +107,7 @@ impl Fault {
     }
 }
 
-/// Why a text is no fault.
+/// A text that is not a fault.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
     "`{text}` is no fault: expected KIND@SECONDS[+DURATION][:DEVICE], for example `loss@2.5+0.01`, with \

@@ -1,4 +1,5 @@
-//! A fieldbus memory management unit: bits of the logical address space to bits of the controller's memory.
+//! A fieldbus memory management unit, which maps bits of the logical address space to bits of the
+//! controller's memory.
 
 /// Number of units of a controller.
 pub(crate) const FMMUS: u16 = 8;
@@ -18,7 +19,7 @@ pub(crate) struct Fmmu {
     pub(crate) writes: bool,
 }
 
-/// What a unit maps of a datagram: bits of the datagram to bits of memory.
+/// The part of a datagram that a unit maps to memory, in bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Mapped {
     pub(crate) datagram_bit: u64,
@@ -27,7 +28,7 @@ pub(crate) struct Mapped {
 }
 
 impl Mapped {
-    /// First byte of memory that is touched, and how many.
+    /// First byte of memory that is accessed, and the number of bytes.
     pub(crate) const fn physical_bytes(self) -> (u64, u64) {
         let first = self.physical_bit / 8;
         (first, (self.physical_bit + self.bits).div_ceil(8) - first)
@@ -35,7 +36,7 @@ impl Mapped {
 }
 
 impl Fmmu {
-    /// The unit that these registers make; none where it is not active or maps nothing.
+    /// Decodes the registers of a unit; `None` if it is not active or maps nothing.
     pub(crate) fn decode(registers: &[u8]) -> Option<Self> {
         let registers: &[u8; FMMU_BYTES] = registers.try_into().ok()?;
         let [

@@ -1,26 +1,26 @@
 //! Homing by the drive itself (mode of operation 6).
 
-/// What the drive sees.
+/// Inputs of homing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sight {
     pub(crate) negative_limit: bool,
     pub(crate) positive_limit: bool,
-    /// Turns of the motor from an index pulse; it comes at whole ones.
+    /// Motor turns relative to an index pulse, which occurs at whole turns.
     pub(crate) turns: f64,
-    /// The encoder gives index pulses.
+    /// The encoder has index pulses.
     pub(crate) has_index: bool,
 }
 
-/// Progress, as bits 10, 12 and 13 of the status word tell it.
+/// Progress, as shown in bits 10, 12 and 13 of the status word.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum HomingState {
     #[default]
     Idle,
     /// Towards the limit switch.
     Searching,
-    /// Back, until the switch is free.
+    /// Away from the switch, until it opens.
     Leaving,
-    /// On, until the index pulse.
+    /// Further, until the index pulse.
     AwaitingIndex,
     Attained,
     Failed,
@@ -60,8 +60,8 @@ impl Homing {
         }
     }
 
-    /// One step: the speed to go at, as a fraction of fast (first) and slow speed, and where home is, once it
-    /// is found.
+    /// Runs one step. Returns the speed, with the magnitude of `fast` or `slow`, and the home position once
+    /// it is found.
     pub(crate) fn step(&mut self, sight: Sight, fast: f64, slow: f64) -> (f64, Option<f64>) {
         let negative = self.sign() < 0.0;
         let pressed = if negative {

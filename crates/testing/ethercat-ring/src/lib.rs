@@ -1,4 +1,4 @@
-//! **A test simulator**: a ring of EtherCAT SubDevices in a process, behind a raw socket.
+//! **A test simulator**: a ring of EtherCAT SubDevices in a process, connected to a raw socket.
 //!
 //! ```text
 //!   frame ──► PacketSocket ──► Ring ──► SubDevice ──► SubDevice ──► ... ──┐
@@ -8,8 +8,8 @@
 //!                                           Drive: CiA 402, motor and load     Terminal: inputs, outputs
 //! ```
 //!
-//! A MainDevice that sees nothing but frames finds devices, brings them to OP, reads and writes objects, and
-//! turns drives:
+//! A MainDevice, which sees only frames, can find devices, bring them to OP, read and write objects, and turn
+//! drives:
 //!
 //! ```
 //! use evolvent_ethercat_ring::{DriveSettings, Ring, SubDevice};
@@ -23,11 +23,11 @@
 //! assert_eq!(returned[0].frame[27..29], [1, 0], "the working counter");
 //! ```
 //!
-//! [`Ring`] is the whole of it as a pure model: time comes in as an argument. [`run`] puts it on a network
-//! interface. Registers follow ETG.1000.4 and Beckhoff's data sheet of the ET1100, objects CiA 301 and 402.
-//! It is made to test MainDevices and was tried with SOEM (`pysoem`), KickCAT and ethercrab; it is no
-//! reference for devices. What it leaves out: bootstrap, EoE, FoE, SoE, emergencies but on demand, SYNC1,
-//! latch inputs, redundancy, and devices that fork the line.
+//! [`Ring`] is the complete ring as a pure model: time is an argument. [`run`] connects it to a network
+//! interface. Registers follow ETG.1000.4 and Beckhoff's data sheet of the ET1100, objects follow CiA 301 and
+//! CiA 402. The ring is made to test MainDevices and was tried with SOEM (`pysoem`), KickCAT and ethercrab;
+//! it is not a reference for devices. Not simulated: bootstrap, EoE, FoE, SoE, emergencies other than the
+//! simulated fault, SYNC1, latch inputs, redundancy, and devices that branch the line.
 
 mod application_layer;
 mod bench;

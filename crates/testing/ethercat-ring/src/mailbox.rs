@@ -14,7 +14,7 @@ pub(crate) enum MailboxError {
     Size = 8,
 }
 
-/// A message that came.
+/// A received message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Message<'a> {
     pub(crate) kind: u8,
@@ -23,10 +23,10 @@ pub(crate) struct Message<'a> {
 }
 
 impl<'a> Message<'a> {
-    /// Takes a mailbox apart.
+    /// Decodes a mailbox.
     ///
     /// # Errors
-    /// It names more data than it holds.
+    /// The stated length exceeds the mailbox.
     pub(crate) fn decode(mailbox: &'a [u8]) -> Result<Self, MailboxError> {
         let Some((&[l0, l1, _, _, _, kind], rest)) = mailbox.split_first_chunk::<HEADER>() else {
             return Err(MailboxError::Size);
@@ -42,7 +42,7 @@ impl<'a> Message<'a> {
     }
 }
 
-/// A message for a mailbox of so many bytes.
+/// Encodes a message for a mailbox of `bytes` bytes.
 pub(crate) fn encode(kind: u8, counter: u8, data: &[u8], bytes: usize) -> Vec<u8> {
     let mut message = vec![0_u8; HEADER];
     message[..2].copy_from_slice(&(data.len() as u16).to_le_bytes());
@@ -52,7 +52,7 @@ pub(crate) fn encode(kind: u8, counter: u8, data: &[u8], bytes: usize) -> Vec<u8
     message
 }
 
-/// A message that says what was wrong with another.
+/// Encodes an error reply to a message.
 pub(crate) fn encode_error(error: MailboxError, counter: u8, bytes: usize) -> Vec<u8> {
     encode(ERROR, counter, &[1, 0, error as u8, 0], bytes)
 }

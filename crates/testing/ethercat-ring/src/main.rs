@@ -128,7 +128,7 @@ fn main() -> ExitCode {
     match serve(&Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // With standard error gone there is nobody left to tell.
+            // If standard error is closed, the message cannot be shown.
             let _told = writeln!(std::io::stderr(), "error: {error}");
             ExitCode::from(2)
         }

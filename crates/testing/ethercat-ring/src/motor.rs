@@ -7,7 +7,7 @@ use core::f64::consts::TAU;
 pub struct Mechanics {
     /// Inertia of the motor, kg m2.
     pub motor_inertia_kg_m2: f64,
-    /// Inertia of the load, seen from the motor.
+    /// Inertia of the load, referred to the motor.
     pub load_inertia_kg_m2: f64,
     /// Stiffness of the shaft, N m/rad.
     pub stiffness_n_m_rad: f64,
@@ -15,13 +15,12 @@ pub struct Mechanics {
     pub damping_n_m_s_rad: f64,
     /// Friction of the load that does not depend on its speed, N m.
     pub friction_n_m: f64,
-    /// Rated torque; three times as much is the most that the drive gives.
+    /// Rated torque; the drive gives at most three times as much.
     pub rated_torque_n_m: f64,
 }
 
 impl Default for Mechanics {
-    /// A servo motor of 750 W with twice its inertia as load: the load is still at 252 Hz, both resonate at
-    /// 436 Hz.
+    /// A servo motor of 750 W with twice its inertia as load: antiresonance at 252 Hz, resonance at 436 Hz.
     fn default() -> Self {
         Self {
             motor_inertia_kg_m2: 1e-4,
@@ -55,7 +54,7 @@ impl TwoMass {
     fn derivative(&self, mechanics: &Mechanics, torque_n_m: f64) -> Self {
         let twist = mechanics.stiffness_n_m_rad * (self.motor - self.load)
             + mechanics.damping_n_m_s_rad * (self.motor_speed - self.load_speed);
-        // Smooth about rest, where the true law has a jump.
+        // Smooth near zero speed, where the exact law has a jump.
         let friction = mechanics.friction_n_m * (self.load_speed / 0.5).tanh();
         Self {
             motor: self.motor_speed,
@@ -74,7 +73,7 @@ impl TwoMass {
         }
     }
 
-    /// Runge-Kutta of fourth order under a constant torque.
+    /// Advances by one fourth-order Runge-Kutta step at constant torque.
     pub(crate) fn step(&mut self, mechanics: &Mechanics, torque_n_m: f64, time_s: f64) {
         let k1 = self.derivative(mechanics, torque_n_m);
         let k2 = self.plus(&k1, time_s / 2.0).derivative(mechanics, torque_n_m);
@@ -85,7 +84,7 @@ impl TwoMass {
         }
     }
 
-    /// The load is held fast.
+    /// Blocks the load at a position.
     pub(crate) const fn block(&mut self, load: f64) {
         self.load = load;
         self.load_speed = 0.0;
@@ -96,7 +95,7 @@ impl TwoMass {
 mod tests {
     use super::*;
 
-    /// Without a torque the two masses swing against each other at `sqrt(k (1/Jm + 1/Jl)) / 2 pi`.
+    /// Without torque the two masses oscillate against each other at `sqrt(k (1/Jm + 1/Jl)) / 2 pi`.
     #[test]
     fn the_shaft_resonates_where_theory_says() {
         let mechanics = Mechanics {

@@ -3,13 +3,13 @@
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// The longest wait for the carrier of a cable: a busy host may need that.
+/// Time limit for the carrier of a cable: a busy host may need that.
 const CARRIER: Duration = Duration::from_secs(30);
 
-/// Takes the calling thread to a new network namespace.
+/// Moves the calling thread to a new network namespace.
 ///
 /// # Errors
-/// This user may not make one.
+/// This user may not create a namespace.
 pub fn own_namespace() -> Result<(), String> {
     // SAFETY: a new namespace of the network for the calling thread alone; no memory is concerned.
     let result = unsafe { libc::unshare(libc::CLONE_NEWNET) };
@@ -26,7 +26,7 @@ pub fn own_namespace() -> Result<(), String> {
 /// Runs `ip` of iproute2 in the namespace of the calling thread.
 ///
 /// # Errors
-/// What it said.
+/// The message of `ip`.
 pub fn ip(arguments: &[&str]) -> Result<(), String> {
     let ran = Command::new("ip").args(arguments).stdin(Stdio::null()).output();
     match ran {
@@ -36,11 +36,10 @@ pub fn ip(arguments: &[&str]) -> Result<(), String> {
     }
 }
 
-/// Waits until interfaces have their carrier, which comes a moment after they were set up: what is sent
-/// before it is lost.
+/// Waits until interfaces have a carrier, shortly after they were set up. Frames sent before that are lost.
 ///
 /// # Panics
-/// It does not come in time.
+/// If there is no carrier in time.
 pub fn await_carrier(interfaces: &[&str]) {
     let begin = Instant::now();
     while !interfaces.iter().all(|interface| is_up(interface)) {
@@ -52,7 +51,7 @@ pub fn await_carrier(interfaces: &[&str]) {
     }
 }
 
-/// Whether an interface has its carrier, as the system shows it to this thread.
+/// Whether an interface has a carrier, as the system shows it to this thread.
 fn is_up(interface: &str) -> bool {
     let ran = Command::new("ip")
         .args(["-o", "link", "show", "dev", interface])

@@ -39,13 +39,13 @@ pub(crate) enum Access {
     Configuration,
 }
 
-/// Into which PDOs an entry may be mapped.
+/// PDOs into which an entry may be mapped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Mapping {
     Never,
-    /// Of outputs: the MainDevice writes it.
+    /// PDOs of outputs, which the MainDevice writes.
     Output,
-    /// Of inputs: the MainDevice reads it.
+    /// PDOs of inputs, which the MainDevice reads.
     Input,
 }
 
@@ -62,7 +62,7 @@ pub(crate) struct Entry {
 }
 
 impl Entry {
-    /// An integer of a data type.
+    /// Creates an integer of a data type.
     pub(crate) fn integer(name: &'static str, data_type: u16, value: i64) -> Self {
         let bits: u8 = match data_type {
             data_type::BOOLEAN => 1,
@@ -162,7 +162,7 @@ impl Dictionary {
         self.objects.insert(index, object);
     }
 
-    /// Adds an array or record; sub-index 0 counts the others.
+    /// Adds an array or record; sub-index 0 is the number of the others.
     pub(crate) fn compound(&mut self, index: u16, name: &'static str, code: ObjectCode, entries: Vec<Entry>) {
         let count = Entry::integer("Highest sub-index", data_type::UNSIGNED8, entries.len() as i64);
         let entries = core::iter::once(count).chain(entries).collect();
@@ -188,7 +188,7 @@ impl Dictionary {
         self.objects.keys().copied()
     }
 
-    /// The value of an integer; 0 where there is none.
+    /// The value of an integer; 0 if it does not exist.
     #[must_use]
     pub fn integer(&self, index: u16, sub_index: u8) -> i64 {
         let Some(entry) = self.entry(index, sub_index) else {
@@ -206,7 +206,7 @@ impl Dictionary {
         }
     }
 
-    /// Sets the value of an integer, cut to its size.
+    /// Sets the value of an integer, truncated to its size.
     pub fn set_integer(&mut self, index: u16, sub_index: u8, value: i64) {
         if let Some(entry) = self.entry_mut(index, sub_index) {
             let count = entry.value.len().min(8);

@@ -1,25 +1,25 @@
 //! Touch probes 1 and 2 (objects 60B8h to 60BDh), each at the probe input or at the encoder's zero impulse.
 
-/// What a function of the touch probe looks at. Positions are turns of the motor.
+/// Sources of the touch probe functions. Positions are turns of the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ProbeSources {
-    /// The probe input is on from here upwards.
+    /// The probe input is on from this position upwards.
     pub(crate) input_turns: f64,
-    /// The zero impulse comes here in each turn; none where the encoder gives none.
+    /// Position of the zero impulse in each turn; `None` if the encoder has none.
     pub(crate) impulse_turns: Option<f64>,
-    /// How long the impulse is: one increment.
+    /// Width of the impulse: one increment.
     pub(crate) impulse_width_turns: f64,
 }
 
-/// An edge of a source: whether it rises, and where.
+/// An edge of a source: whether it rises, and its position.
 type Edge = (bool, f64);
 
-/// The function (60B8h), its status (60B9h) and the positions that were caught (60BAh to 60BDh), in turns.
+/// The function (60B8h), its status (60B9h) and the latched positions (60BAh to 60BDh), in turns.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Probe {
     function: u16,
     pub(crate) status: u16,
-    /// At the rising and the falling edge of touch probe 1, then of touch probe 2.
+    /// Latched at the rising and the falling edge of touch probe 1, then of touch probe 2.
     pub(crate) caught: [Option<f64>; 4],
     last_turns: f64,
 }
@@ -32,7 +32,7 @@ impl Probe {
         }
     }
 
-    /// Takes over the function; a rising bit 0 (8) arms touch probe 1 (2) anew.
+    /// Sets the function; a rising bit 0 (8) arms touch probe 1 (2) again.
     pub(crate) fn set_function(&mut self, function: u16) {
         for shift in [0, 8] {
             let (old, new) = (self.function >> shift, function >> shift);
@@ -42,7 +42,7 @@ impl Probe {
             } else if old & 1 == 0 {
                 status = 1;
             }
-            // An edge that is not looked for any more is forgotten, so that it can be looked for again.
+            // A disabled edge is cleared, so that it can be latched again.
             if new >> 4 & 1 == 0 {
                 status &= !0b10;
             }
@@ -54,7 +54,7 @@ impl Probe {
         self.function = function;
     }
 
-    /// One step of the motor. Where within the step a source changes is known exactly.
+    /// Processes one step of the motor. The position of an edge within the step is exact.
     pub(crate) fn step(&mut self, turns: f64, sources: &ProbeSources) {
         let last = core::mem::replace(&mut self.last_turns, turns);
         let input = (last >= sources.input_turns) != (turns >= sources.input_turns);
@@ -84,13 +84,13 @@ impl Probe {
     }
 }
 
-/// The edges of the zero impulse that a step passes: the first impulse on the way.
+/// The edges of the zero impulse that a step passes: those of the first impulse only.
 fn impulse_edges(last: f64, turns: f64, sources: &ProbeSources) -> [Option<Edge>; 2] {
     let Some(phase) = sources.impulse_turns.filter(|_| turns != last) else {
         return [None; 2];
     };
     let width = sources.impulse_width_turns;
-    // The lower and the upper side of the impulse: entered there, left here, by the direction.
+    // The lower and upper side of the impulse; the direction decides which is entered and which is left.
     let (lower, upper) = (phase, phase + width);
     let (enter, leave) = if turns > last {
         (lower, upper)

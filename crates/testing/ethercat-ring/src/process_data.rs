@@ -1,4 +1,4 @@
-//! Process data: which entries of the dictionary lie where in the memory of a SyncManager.
+//! Process data: the positions of dictionary entries in the memory of a SyncManager.
 
 use crate::fmmu::copy_bits;
 use crate::object::Dictionary;
@@ -7,7 +7,7 @@ use crate::object::Dictionary;
 pub(crate) const OUTPUTS: u16 = 0x1C12;
 pub(crate) const INPUTS: u16 = 0x1C13;
 
-/// Entries in their order.
+/// Mapped entries in order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ProcessMap {
     entries: Vec<(u16, u8, u8)>,
@@ -15,7 +15,7 @@ pub(crate) struct ProcessMap {
 }
 
 impl ProcessMap {
-    /// What an assignment (1C12h or 1C13h) maps now.
+    /// The present mapping of an assignment (1C12h or 1C13h).
     pub(crate) fn of(objects: &Dictionary, assignment: u16) -> Self {
         let mut map = Self::default();
         for pdo in Self::pdos(objects, assignment) {
@@ -48,7 +48,7 @@ impl ProcessMap {
         self.bits.div_ceil(8) as usize
     }
 
-    /// From memory into the dictionary.
+    /// Copies memory into the dictionary.
     pub(crate) fn take(&self, memory: &[u8], objects: &mut Dictionary) {
         let mut bit = 0;
         for &(index, sub_index, bits) in &self.entries {
@@ -59,7 +59,7 @@ impl ProcessMap {
         }
     }
 
-    /// From the dictionary into memory; gaps are zero.
+    /// Copies the dictionary into memory; gaps are zero.
     pub(crate) fn put(&self, objects: &Dictionary, memory: &mut [u8]) {
         let mut bit = 0;
         for &(index, sub_index, bits) in &self.entries {

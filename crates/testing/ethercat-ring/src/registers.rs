@@ -12,21 +12,21 @@ pub mod address {
     pub const DL_CONTROL: u16 = 0x0100;
     /// DL status: links and loops of the ports.
     pub const DL_STATUS: u16 = 0x0110;
-    /// AL control: the state that is requested.
+    /// AL control: the requested state.
     pub const AL_CONTROL: u16 = 0x0120;
     /// AL status: the state.
     pub const AL_STATUS: u16 = 0x0130;
     /// Why the last change of state was refused.
     pub const AL_STATUS_CODE: u16 = 0x0134;
-    /// Watchdogs: units of 40 ns, less two.
+    /// Divider of the watchdogs: units of 40 ns, minus two.
     pub const WATCHDOG_DIVIDER: u16 = 0x0400;
     /// Watchdog of the process data, in units of the divider.
     pub const WATCHDOG_TIME: u16 = 0x0420;
-    /// Bit 0 is clear where the watchdog of the process data has expired.
+    /// Bit 0 is clear if the watchdog of the process data has expired.
     pub const WATCHDOG_STATUS: u16 = 0x0440;
-    /// How often it has expired.
+    /// Number of times that it has expired.
     pub const WATCHDOG_COUNTER: u16 = 0x0442;
-    /// Who owns the SII.
+    /// Owner of the SII.
     pub const SII_CONFIG: u16 = 0x0500;
     /// Control and status of the SII.
     pub const SII_CONTROL: u16 = 0x0502;
@@ -44,9 +44,9 @@ pub mod address {
     pub const DC_SYSTEM_TIME: u16 = 0x0910;
     /// Receive time of the processing unit.
     pub const DC_RECEIVE_TIME: u16 = 0x0918;
-    /// Added to the local time to get the system time.
+    /// System time minus local time.
     pub const DC_OFFSET: u16 = 0x0920;
-    /// Time from the reference clock to here.
+    /// Propagation time from the reference clock to this device.
     pub const DC_DELAY: u16 = 0x0928;
     /// Mean difference between local copy and received system time; bit 31 its sign.
     pub const DC_DIFFERENCE: u16 = 0x092C;
@@ -73,7 +73,7 @@ const READ_ONLY: [(u16, u16); 5] = [
     (address::DC_RECEIVE_TIME, address::DC_RECEIVE_TIME + 8),
 ];
 
-/// Bytes by address. What lies beyond the end reads as zero and is not written.
+/// Bytes by address. Addresses beyond the end read as zero and ignore writes.
 #[derive(Clone, Debug)]
 pub(crate) struct Registers {
     bytes: Vec<u8>,
@@ -84,7 +84,7 @@ impl Registers {
         Self { bytes: vec![0; SIZE] }
     }
 
-    /// Whether a range lies within the memory.
+    /// Whether a range is within the memory.
     pub(crate) fn holds(&self, address: u16, length: usize) -> bool {
         usize::from(address) + length <= self.bytes.len()
     }
@@ -103,7 +103,7 @@ impl Registers {
         }
     }
 
-    /// Writes as the device's own side does, anywhere.
+    /// Writes from the device's side, at any address.
     pub(crate) fn set(&mut self, address: u16, data: &[u8]) {
         let begin = usize::from(address);
         if let Some(target) = self.bytes.get_mut(begin..begin + data.len()) {
@@ -111,7 +111,7 @@ impl Registers {
         }
     }
 
-    /// Writes as the MainDevice does: what it may only read stays.
+    /// Writes from the MainDevice's side: read-only registers keep their values.
     pub(crate) fn write(&mut self, address: u16, data: &[u8]) {
         for (place, &byte) in (usize::from(address)..).zip(data) {
             let fixed = READ_ONLY

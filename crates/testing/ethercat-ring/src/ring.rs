@@ -1,4 +1,4 @@
-//! Devices one behind the other, and what happens to frames on their way.
+//! A line of devices, and the path of frames through it.
 
 use crate::application_layer::AlState;
 use crate::controller::Passing;
@@ -6,30 +6,30 @@ use crate::datagram::{for_each_datagram, is_ethercat, mark_as_passed};
 use crate::fault::{Fault, FaultKind};
 use crate::subdevice::{SubDevice, Trouble};
 
-/// Time from one device to the next, ns: a port, a processing unit and a short cable. The way back takes as
-/// long.
+/// Delay from one device to the next, ns: a port, a processing unit and a short cable. The return path has
+/// the same delay.
 pub const HOP_NS: u64 = 600;
-/// How late frames are on demand, ns.
+/// Delay of the fault `delay`, ns.
 const DELAY_NS: u64 = 5_000_000;
-/// How long a frame waits at most for one that overtakes it, ns.
+/// Maximum time that a frame waits to be overtaken, ns.
 const OVERTAKE_NS: u64 = 2_000_000;
 
-/// A frame on its way back.
+/// A returned frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Returned {
-    /// When it arrives, in ns of the simulator's time.
+    /// Time of arrival, ns of the simulator's time.
     pub due_ns: u64,
     /// The frame.
     pub frame: Vec<u8>,
 }
 
-/// The whole ring. Deterministic: the same frames at the same times give the same answers.
+/// The complete ring. Deterministic: the same frames at the same times give the same replies.
 #[derive(Clone, Debug)]
 pub struct Ring {
     devices: Vec<SubDevice>,
     faults: Vec<Fault>,
     has_supply: Vec<bool>,
-    /// From outputs to inputs.
+    /// Wires from outputs to inputs.
     wires: Vec<[usize; 2]>,
     operating_since_ns: Option<u64>,
     /// A frame that is to be overtaken.
@@ -38,7 +38,7 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// Devices that are supplied from `now_ns` on.
+    /// Creates a ring whose devices are supplied from `now_ns` on.
     #[must_use]
     pub fn new(mut devices: Vec<SubDevice>, now_ns: u64) -> Self {
         for device in &mut devices {
@@ -55,13 +55,13 @@ impl Ring {
         }
     }
 
-    /// The devices in their order.
+    /// The devices in order.
     #[must_use]
     pub fn devices(&self) -> &[SubDevice] {
         &self.devices
     }
 
-    /// One device, to change what it sees.
+    /// One device, to change its inputs.
     pub fn device_mut(&mut self, position: usize) -> Option<&mut SubDevice> {
         self.devices.get_mut(position)
     }
@@ -71,13 +71,13 @@ impl Ring {
         self.wires.push([from, to]);
     }
 
-    /// Frames that came.
+    /// Number of frames received.
     #[must_use]
     pub const fn frames(&self) -> u64 {
         self.frames
     }
 
-    /// When all devices were in OP first: the faults' time zero.
+    /// First time at which all devices were in OP: time zero of the faults.
     #[must_use]
     pub const fn operating_since_ns(&self) -> Option<u64> {
         self.operating_since_ns
@@ -88,7 +88,7 @@ impl Ring {
         self.faults.push(fault);
     }
 
-    /// Adds a fault that begins now, whatever state the devices are in.
+    /// Adds a fault that begins now, in any state of the devices.
     pub fn begin_fault(&mut self, now_ns: u64, kind: FaultKind, device: usize, duration_ns: Option<u64>) {
         let since_ns = *self.operating_since_ns.get_or_insert(now_ns);
         self.faults.push(Fault {
@@ -115,7 +115,7 @@ impl Ring {
         })
     }
 
-    /// Time passes.
+    /// Advances the time.
     pub fn advance(&mut self, now_ns: u64) {
         if self.operating_since_ns.is_none()
             && !self.devices.is_empty()
@@ -192,7 +192,7 @@ impl Ring {
         }
     }
 
-    /// How many devices frames reach.
+    /// Number of devices that frames reach.
     fn reached(&self, now_ns: u64) -> usize {
         let cuts = |position: &usize| {
             self.is_active(FaultKind::Break, Some(*position), now_ns)
@@ -201,7 +201,7 @@ impl Ring {
         (0..self.devices.len()).find(cuts).unwrap_or(self.devices.len())
     }
 
-    /// A frame comes in. Returns what comes back, and when; nothing where nothing does.
+    /// Sends a frame through the ring. Returns the frames that come back with their times, if any.
     pub fn exchange(&mut self, now_ns: u64, mut frame: Vec<u8>) -> Vec<Returned> {
         self.advance(now_ns);
         if !is_ethercat(&frame) {
@@ -242,7 +242,7 @@ impl Ring {
         }
     }
 
-    /// A frame that waits for one to overtake it, where none came for long.
+    /// Returns the frame that waits to be overtaken, if it has waited for too long.
     pub fn release(&mut self, waited_ns: u64) -> Option<Vec<u8>> {
         if waited_ns < OVERTAKE_NS {
             None

@@ -11,7 +11,7 @@ use rustix::time::{ClockId, clock_gettime};
 use crate::ring::{Returned, Ring};
 use crate::socket::PacketSocket;
 
-/// Longest wait for a frame: devices go on without.
+/// Maximum wait for a frame: devices continue without frames.
 const PATIENCE_NS: u64 = 1_000_000;
 
 /// Above any thread of a MainDevice.
@@ -24,8 +24,8 @@ pub fn monotonic_ns() -> u64 {
     now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
 }
 
-/// Real devices answer whatever the host is busy with: `SCHED_FIFO` for the calling thread, where the system
-/// lets it.
+/// Sets `SCHED_FIFO` for the calling thread, if the system permits it: real devices reply independent of the
+/// host's load.
 fn raise_priority() {
     let parameters = libc::sched_param {
         sched_priority: PRIORITY,
@@ -34,8 +34,8 @@ fn raise_priority() {
     let _normal = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) };
 }
 
-/// Answers frames until `stop` is set. The ring is locked for each frame only, so that others may look at it
-/// or break it.
+/// Replies to frames until `stop` is set. The ring is locked for each frame only, so that other threads can
+/// read it or add faults.
 ///
 /// # Errors
 /// The interface is gone.
@@ -65,7 +65,7 @@ pub fn run(ring: &Mutex<Ring>, socket: &PacketSocket, stop: &AtomicBool) -> io::
         }
         while waiting.front().is_some_and(|first| first.due_ns <= now_ns) {
             if let Some(returned) = waiting.pop_front() {
-                // What finds no room is lost, as on any wire.
+                // A frame that does not fit into the send buffer is lost, as on any wire.
                 let _lost = socket.send(&returned.frame);
             }
         }

@@ -27,7 +27,7 @@ pub struct Identity {
     pub serial: u32,
 }
 
-/// A SyncManager as the category 41 names it.
+/// A SyncManager, as in category 41.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SiiSyncManager {
     pub(crate) start: u16,
@@ -38,7 +38,7 @@ pub(crate) struct SiiSyncManager {
     pub(crate) usage: u8,
 }
 
-/// An entry of a PDO in the categories 50 and 51.
+/// An entry of a PDO, as in categories 50 and 51.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct SiiEntry {
     pub(crate) index: u16,
@@ -48,7 +48,7 @@ pub(crate) struct SiiEntry {
     pub(crate) bits: u8,
 }
 
-/// A PDO in the categories 50 (inputs) and 51 (outputs).
+/// A PDO, as in categories 50 (inputs) and 51 (outputs).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct SiiPdo {
     pub(crate) index: u16,
@@ -58,7 +58,7 @@ pub(crate) struct SiiPdo {
     pub(crate) entries: Vec<SiiEntry>,
 }
 
-/// What the EEPROM tells.
+/// Contents of the EEPROM.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Contents {
     pub(crate) identity: Identity,
@@ -220,11 +220,11 @@ impl Contents {
     }
 }
 
-/// The EEPROM behind registers 0500h to 050Fh.
+/// The EEPROM, accessed through registers 0500h to 050Fh.
 #[derive(Clone, Debug)]
 pub(crate) struct Sii {
     image: Vec<u8>,
-    /// Status bits that stay: errors.
+    /// Persistent status bits: errors.
     errors: u16,
 }
 
@@ -245,7 +245,7 @@ impl Sii {
         );
     }
 
-    /// The MainDevice has written registers from `begin` on: carries out a command that was among them.
+    /// Carries out a command that a write of the MainDevice from `begin` on contained.
     pub(crate) fn after_write(&mut self, registers: &mut Registers, begin: u16, length: usize) {
         let last = address::SII_CONTROL + 1;
         if begin > last || usize::from(begin) + length <= usize::from(last) {
@@ -284,8 +284,8 @@ impl Sii {
 mod tests {
     use super::*;
 
-    /// ETG.1000.6 names the polynomial `x^8 + x^2 + x + 1` and the start FFh; here once more, by long
-    /// division of the message with its first byte inverted.
+    /// ETG.1000.6 specifies the polynomial `x^8 + x^2 + x + 1` and the start value FFh. The test computes it
+    /// independently, by long division of the message with its first byte inverted.
     #[test]
     fn the_checksum_is_the_remainder_of_a_division() {
         for message in [b"123456789".as_slice(), &[0x05, 0x0E, 0x03, 0x44], &[0; 14]] {

@@ -25,7 +25,7 @@ impl PacketSocket {
     /// Opens the interface of this name.
     ///
     /// # Errors
-    /// There is none of this name, or the process may not.
+    /// There is no interface of this name, or the process lacks the privilege.
     pub fn open(interface: &str) -> io::Result<Self> {
         let name = CString::new(interface).map_err(io::Error::other)?;
         // SAFETY: the name is a string that ends with a zero byte.
@@ -61,7 +61,7 @@ impl PacketSocket {
         Ok(Self { descriptor })
     }
 
-    /// Waits for a frame; whether there is one.
+    /// Waits for a frame. Returns whether there is one.
     ///
     /// # Errors
     /// The interface is gone.
@@ -84,7 +84,7 @@ impl PacketSocket {
         }
     }
 
-    /// The next frame; none within the time.
+    /// Returns the next frame, or `None` after the time limit.
     ///
     /// # Errors
     /// The interface is gone.
@@ -93,7 +93,7 @@ impl PacketSocket {
             return Ok(None);
         }
         let mut frame = vec![0_u8; 1600];
-        // SAFETY: the buffer has the length that is told.
+        // SAFETY: the buffer has the stated length.
         let length = unsafe {
             libc::recv(
                 self.descriptor.as_raw_fd(),
@@ -115,9 +115,9 @@ impl PacketSocket {
     /// Sends a frame.
     ///
     /// # Errors
-    /// The interface is gone, or has no room.
+    /// The interface is gone, or its buffer is full.
     pub fn send(&self, frame: &[u8]) -> io::Result<()> {
-        // SAFETY: the buffer has the length that is told.
+        // SAFETY: the buffer has the stated length.
         let sent = unsafe { libc::send(self.descriptor.as_raw_fd(), frame.as_ptr().cast(), frame.len(), 0) };
         checked(sent as i64).map(|_| ())
     }

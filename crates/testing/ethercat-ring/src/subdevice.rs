@@ -1,4 +1,4 @@
-//! One SubDevice: its controller, its AL state machine, its mailbox, its process data, and what it is.
+//! One SubDevice: controller, AL state machine, mailbox, process data, and drive or terminal.
 
 use std::collections::VecDeque;
 
@@ -17,19 +17,19 @@ use crate::registers::address;
 use crate::sii::{Contents, Identity, SiiPdo, SiiSyncManager};
 use crate::terminal::{Terminal, TerminalKind};
 
-/// Vendor of all devices here; no vendor of devices has it.
+/// Vendor ID of all simulated devices; no real vendor has it.
 pub const SIMULATED_VENDOR: u32 = 0x4556_534D;
 /// Product code of the drive.
 pub const DRIVE_PRODUCT: u32 = 0x0000_0402;
-/// Steps that a late wake-up makes up for, ns.
+/// Delay up to which a late wake-up catches up, ns.
 const CATCH_UP_NS: u64 = 200_000_000;
 /// Bytes of each mailbox.
 const MAILBOX: u16 = 128;
-/// How long a slow mailbox takes, ns.
+/// Reply time of a slow mailbox, ns.
 const SLOW_NS: u64 = 300_000_000;
-/// Periods of SYNC0 that devices can do, ns.
+/// Supported periods of SYNC0, ns.
 const SYNC_CYCLES: core::ops::RangeInclusive<u64> = 125_000..=100_000_000;
-/// What a device is.
+/// Function of a device.
 #[derive(Clone, Debug)]
 pub enum Device {
     /// A drive with its motor.
@@ -38,7 +38,7 @@ pub enum Device {
     Terminal(Terminal),
 }
 
-/// Which SyncManager holds what, and where.
+/// SyncManagers of the process data, and their addresses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Layout {
     has_mailbox: bool,
@@ -47,7 +47,7 @@ struct Layout {
     inputs: Option<(u16, u16)>,
 }
 
-/// What is wrong with a device on demand, but for its drive.
+/// Simulated faults of a device, except those of its drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Trouble {
     pub(crate) ignores_logical: bool,
@@ -87,7 +87,7 @@ pub struct SubDevice {
 }
 
 impl SubDevice {
-    /// A drive. Its clock drifts by so many millionths.
+    /// Creates a drive. Its clock drifts by `drift_ppm`.
     #[must_use]
     pub fn drive(settings: DriveSettings, serial: u32, drift_ppm: f64) -> Self {
         let device = Device::Drive(Box::new(Drive::new(settings)));
@@ -111,7 +111,7 @@ impl SubDevice {
         )
     }
 
-    /// Sets the drift of its distributed clock, ppm; without effect on a device without one. The first clock
+    /// Sets the drift of the distributed clock, ppm; no effect on a device without a clock. The first clock
     /// of a ring is the reference.
     #[must_use]
     pub fn with_drift_ppm(mut self, drift_ppm: f64) -> Self {
@@ -119,7 +119,7 @@ impl SubDevice {
         self
     }
 
-    /// The registers of its clock have 32 bits, as those of many controllers.
+    /// Limits the registers of the clock to 32 bits, as in many controllers.
     #[must_use]
     pub const fn with_clock_of_32_bits(mut self) -> Self {
         self.has_short_clock = true;
@@ -194,7 +194,7 @@ impl SubDevice {
         }
     }
 
-    /// Supply is switched on, at a time of the simulator.
+    /// Switches the supply on, at a time of the simulator.
     pub(crate) fn power_up(&mut self, now_ns: u64) {
         if let Device::Drive(drive) = &mut self.device {
             drive.restart();
@@ -217,13 +217,13 @@ impl SubDevice {
         self.next_step_ns = now_ns;
     }
 
-    /// Identity, as SII and object 1018h tell it.
+    /// Identity, as in the SII and object 1018h.
     #[must_use]
     pub const fn identity(&self) -> Identity {
         self.contents.identity
     }
 
-    /// Its AL state.
+    /// The AL state.
     #[must_use]
     pub const fn state(&self) -> AlState {
         self.layer.state()
@@ -235,7 +235,7 @@ impl SubDevice {
         self.layer.code()
     }
 
-    /// The drive, where it is one.
+    /// The drive, if the device is one.
     #[must_use]
     pub fn as_drive(&self) -> Option<&Drive> {
         match &self.device {
@@ -244,7 +244,7 @@ impl SubDevice {
         }
     }
 
-    /// The same, to change it.
+    /// The drive, mutable, if the device is one.
     pub fn as_drive_mut(&mut self) -> Option<&mut Drive> {
         match &mut self.device {
             Device::Drive(drive) => Some(drive),
@@ -261,7 +261,7 @@ impl SubDevice {
         }
     }
 
-    /// The terminal, where it is one, to change what it sees.
+    /// The terminal, mutable, if the device is one.
     pub const fn as_terminal_mut(&mut self) -> Option<&mut Terminal> {
         match &mut self.device {
             Device::Terminal(terminal) => Some(terminal),
@@ -275,13 +275,13 @@ impl SubDevice {
         &self.objects
     }
 
-    /// Its copy of the system time, where it has a clock.
+    /// The device's copy of the system time, if it has a clock.
     #[must_use]
     pub fn system_time_ns(&self, now_ns: u64) -> Option<u64> {
         Some(self.controller.clock.as_ref()?.system(now_ns))
     }
 
-    /// How long after its SYNC0 the last outputs have come, ns by its clock; none without SYNC0 or outputs.
+    /// Time from SYNC0 to the last outputs, ns by the device's clock; `None` without SYNC0 or outputs.
     #[must_use]
     pub fn outputs_after_sync0_ns(&self) -> Option<u64> {
         self.controller.outputs_after_sync0_ns()
@@ -301,7 +301,7 @@ impl SubDevice {
         self.controller.process(datagram, passing);
     }
 
-    /// Time passes until a frame comes, or none does.
+    /// Advances the time, up to the arrival of a frame or without one.
     pub(crate) fn advance(&mut self, now_ns: u64) {
         if self.next_step_ns.saturating_add(CATCH_UP_NS) < now_ns {
             self.next_step_ns = now_ns;
@@ -368,7 +368,7 @@ impl SubDevice {
         }
     }
 
-    /// Sees to what a frame has brought.
+    /// Handles the changes that a frame has made.
     pub(crate) fn settle(&mut self, now_ns: u64) {
         let events = core::mem::take(&mut self.controller.events);
         if events.outputs {
@@ -463,7 +463,7 @@ impl SubDevice {
         }
     }
 
-    /// Whether the SyncManager of process data is set up for so many bytes.
+    /// Whether the SyncManager of process data is configured for `bytes` bytes.
     fn fits(&self, place: Option<(u16, u16)>, bytes: usize, written: bool) -> bool {
         let Some((number, start)) = place else {
             return bytes == 0;
@@ -500,7 +500,7 @@ impl SubDevice {
         let manager = self.controller.manager(1);
         let mut sent = None;
         if channel.repeat_request != manager.repeat_acknowledged {
-            // The last answer was lost on its way: once more.
+            // The last reply was lost: it is sent again.
             manager.repeat_acknowledged = channel.repeat_request;
             sent = Some(self.last_reply.clone()).filter(|reply| !reply.is_empty());
         } else if !manager.is_full && self.replies.front().is_some_and(|(due_ns, _)| *due_ns <= now_ns) {
@@ -520,7 +520,7 @@ impl SubDevice {
             Err(error) => return self.reply_error(error, due_ns),
         };
         if message.counter != 0 && message.counter == self.last_counter {
-            // Sent twice because the first one's receipt was lost.
+            // A repetition, because the acknowledgement of the first was lost.
             return;
         }
         self.last_counter = message.counter;

@@ -1,4 +1,4 @@
-//! A SyncManager: who may touch a range of process memory, and when.
+//! A SyncManager, which controls the access to a range of process memory.
 
 /// Number of SyncManagers of a controller.
 pub(crate) const SYNC_MANAGERS: u16 = 8;
@@ -30,7 +30,7 @@ impl Channel {
             is_mailbox: control & 3 == 2,
             is_written_by_main: control >> 2 & 3 == 1,
             feeds_watchdog: control >> 6 & 1 == 1,
-            // The device may deactivate it, too.
+            // The device may also deactivate it.
             is_enabled: activate & 1 == 1 && own & 1 == 0,
             repeat_request: activate >> 1 & 1 == 1,
         })
@@ -48,35 +48,35 @@ impl Channel {
     }
 }
 
-/// What an access by the MainDevice may do.
+/// Result of an access by the MainDevice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Access {
-    /// Nothing; it does not count.
+    /// Refused; the working counter does not increment.
     Refused,
     /// Go on.
     Granted,
-    /// Go on, and the buffer or mailbox has been read or written to its end.
+    /// Granted, and the buffer or mailbox has been read or written completely.
     Completed,
 }
 
-/// What a SyncManager remembers.
+/// State of a SyncManager.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct SyncManager {
     /// A mailbox holds a message.
     pub(crate) is_full: bool,
-    /// The MainDevice has begun with the first byte and not come to the last.
+    /// The MainDevice has accessed the first byte but not the last.
     is_open: bool,
     pub(crate) repeat_acknowledged: bool,
 }
 
 impl SyncManager {
-    /// An access of the MainDevice to bytes of this channel. One has to begin with the first byte; the last
-    /// one closes it.
+    /// Handles an access of the MainDevice to bytes of this channel. A sequence begins with the first byte
+    /// and ends with the last.
     pub(crate) fn access(&mut self, channel: &Channel, address: u16, length: usize, writes: bool) -> Access {
         if writes != channel.is_written_by_main {
             return Access::Refused;
         }
-        // A mailbox is written when empty and read when full.
+        // A mailbox can be written when empty and read when full.
         if channel.is_mailbox && self.is_full == writes {
             return Access::Refused;
         }

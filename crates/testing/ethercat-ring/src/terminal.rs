@@ -1,19 +1,19 @@
-//! Terminals with inputs and outputs, and the coupler in front of them.
+//! Terminals with inputs and outputs, and their coupler.
 
 use crate::object::{Dictionary, Entry, ObjectCode, data_type as t};
 
-/// Kinds of terminals, after the ones of Beckhoff that they are like.
+/// Kinds of terminals, with the similar types by Beckhoff.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TerminalKind {
-    /// No process data, as EK1100.
+    /// No process data, like EK1100.
     Coupler,
-    /// 8 digital inputs, as EL1008.
+    /// 8 digital inputs, like EL1008.
     DigitalInput,
-    /// 8 digital outputs, as EL2008.
+    /// 8 digital outputs, like EL2008.
     DigitalOutput,
-    /// 2 analog inputs of 16 bits with a status word, as EL3102. It has a mailbox.
+    /// 2 analog inputs of 16 bits with a status word, like EL3102. It has a mailbox.
     AnalogInput,
-    /// 2 analog outputs of 16 bits, as EL4102. It has a mailbox.
+    /// 2 analog outputs of 16 bits, like EL4102. It has a mailbox.
     AnalogOutput,
 }
 
@@ -39,7 +39,7 @@ impl Terminal {
         }
     }
 
-    /// What it is.
+    /// The kind of the terminal.
     #[must_use]
     pub const fn kind(&self) -> TerminalKind {
         self.kind
@@ -57,12 +57,12 @@ impl Terminal {
         self.analog
     }
 
-    /// Breaks the wires of the analog inputs: their status says so by bit 6.
+    /// Breaks the wires of the analog inputs, which sets bit 6 of their status.
     pub const fn set_broken(&mut self, broken: bool) {
         self.broken = broken;
     }
 
-    /// Another terminal's outputs as they come in here.
+    /// Receives the outputs of another terminal as inputs.
     pub(crate) const fn hear(&mut self, other: &Self) {
         match (other.kind, self.kind) {
             (TerminalKind::DigitalOutput, TerminalKind::DigitalInput) => self.bits = other.bits,
@@ -99,7 +99,7 @@ impl Terminal {
         matches!(self.kind, TerminalKind::AnalogInput | TerminalKind::AnalogOutput)
     }
 
-    /// Its objects, and its PDOs: each with the entries that it maps.
+    /// Adds the objects, and returns the PDOs with the entries that they map.
     pub(crate) fn objects(&self, objects: &mut Dictionary) -> Vec<(u16, Vec<(u16, u8)>)> {
         match self.kind {
             TerminalKind::Coupler => Vec::new(),
@@ -160,7 +160,7 @@ impl Terminal {
         }
     }
 
-    /// Takes outputs over; without a fieldbus in OP they are off.
+    /// Accepts outputs; they are off unless the fieldbus is in OP.
     pub(crate) fn take_outputs(&mut self, objects: &Dictionary, operational: bool) {
         if self.kind == TerminalKind::DigitalOutput {
             let driven = (0..8_u16).fold(0, |bits, channel| {

@@ -1,6 +1,6 @@
 //! Foreign MainDevices on the ring, over real sockets: SOEM and KickCAT, in Python.
 //!
-//! They need EVOLVENT_PYTHON, which `tools/test` sets, and the right to make a network namespace.
+//! They need EVOLVENT_PYTHON, which `tools/test` sets, and the right to create a network namespace.
 
 #![expect(clippy::expect_used, clippy::print_stdout, reason = "a test")]
 
@@ -32,7 +32,7 @@ fn set_inputs(ring: &SharedRing) {
     terminal(ring.device_mut(4)).expect("analog inputs");
 }
 
-/// Runs a script of `tests/python` on the bench. What the outputs were at its end; none where it could not be
+/// Runs a script of `tests/python` on the bench. Returns the outputs at its end, or `None` if it could not be
 /// run.
 fn play(script: &'static str) -> Option<(u8, f64)> {
     let Some(python) = std::env::var_os("EVOLVENT_PYTHON") else {
@@ -84,7 +84,7 @@ fn kickcat_does_so_too() {
         let Some((driven, turns)) = play("ethercat_kickcat.py") else {
             return;
         };
-        // The MainDevice is gone since less than the watchdog's time, or more.
+        // The MainDevice has ended, less or more than the watchdog's time ago.
         assert!(matches!(driven, 0 | 0x5A), "{driven:x}");
         assert!((turns - 1.0).abs() < 0.01, "{turns}");
     });

@@ -167,8 +167,8 @@ fn logical_datagrams_count_reads_and_writes() {
     assert_eq!(send(&mut ring, 7 * MS, &[(12, 0x10, 0, &data)])[0].2, 3);
 }
 
-/// As a MainDevice does: latch, offsets and delays from the receive times, then the reference's time once a
-/// ms.
+/// The procedure of a MainDevice: latch, offsets and delays from the receive times, then the reference's time
+/// every ms.
 #[test]
 fn clocks_that_drift_follow_the_reference() {
     let mut ring = ring();
@@ -203,7 +203,7 @@ fn clocks_that_drift_follow_the_reference() {
     for station in [0x1002, 0x1003] {
         let local = word(&mut ring, station, 0x918);
         let delay = HOP_NS as u32 * u32::from(station - 0x1001);
-        // Both received the latching frame, the second one a delay later.
+        // Both devices received the latching frame, the second one later by the delay.
         let offset = i64::from(reference) + i64::from(delay) - i64::from(local);
         send(
             &mut ring,
@@ -270,7 +270,7 @@ fn a_cable_that_is_cut_and_a_device_that_comes_back() {
     assert_eq!(count(&mut ring, 21 * MS), None);
 }
 
-/// An incremental encoder does not know what it counted before its supply went.
+/// An incremental encoder loses its count with its supply.
 #[test]
 fn a_drive_without_supply_counts_from_zero_unless_its_encoder_is_absolute() {
     for absolute in [false, true] {
@@ -317,7 +317,7 @@ fn frames_are_lost_late_and_overtaken() {
     assert_eq!(indices, [2, 1]);
 }
 
-/// The generator knows nothing of the code; frames that begin well and go on at random, too.
+/// Random frames, independent of the code, and frames with a valid beginning and a random rest.
 #[test]
 fn no_frame_whatever_is_in_it_stops_the_ring() {
     let mut ring = ring();

@@ -1,4 +1,4 @@
-//! For tests: shipped schemas are those of the code, and errors in files have their place.
+//! For tests: shipped schemas match the code, and errors in files have their position.
 //!
 //! ```
 //! use evolvent_file_tests::{assert_refused, edit};
@@ -14,26 +14,27 @@
 
 use std::path::{Path, PathBuf};
 
-/// The folder of the files that ship.
+/// The folder of the shipped files.
 #[must_use]
 pub fn config() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config")
 }
 
-/// A file that ships: its text.
+/// Reads the text of a shipped file.
 ///
 /// # Panics
-/// Where it cannot be read.
+/// If it cannot be read.
 #[must_use]
 pub fn shipped(name: &str) -> String {
     let path = config().join(name);
     std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// The schema that ships as `config/NAME` is this one; with `EVOLVENT_WRITE_SCHEMA` set it is written again.
+/// Asserts that the shipped schema `config/NAME` equals this one. With `EVOLVENT_WRITE_SCHEMA` set, it is
+/// written again.
 ///
 /// # Panics
-/// Where it is not. `package` tells whose tests write it.
+/// If they differ. The message names `package`, whose tests write the schema.
 pub fn assert_schema(name: &str, schema: &serde_json::Value, package: &str) {
     let path = config().join(name);
     let text = format!("{}\n", serde_json::to_string_pretty(schema).unwrap());
@@ -49,19 +50,19 @@ pub fn assert_schema(name: &str, schema: &serde_json::Value, package: &str) {
 /// A wrong edit of a good file.
 #[derive(Clone, Copy, Debug)]
 pub struct Edit<'a> {
-    /// What stands in the good file, ...
+    /// Text of the good file, ...
     pub from: &'a str,
-    /// ... and what it becomes.
+    /// ... and its replacement.
     pub to: &'a str,
-    /// Where the error is told: the first line of the good file that begins with this, ...
+    /// Position of the error: the first line of the good file that begins with this, ...
     pub line: &'a str,
     /// ... and the column, from 1.
     pub column: usize,
-    /// What the error speaks of.
+    /// Key that the error names.
     pub key: &'a str,
 }
 
-/// An edit whose error is told at the beginning of the line that it changes.
+/// An edit whose error is reported at the beginning of the changed line.
 #[must_use]
 pub const fn edit<'a>(from: &'a str, to: &'a str, key: &'a str) -> Edit<'a> {
     Edit {
@@ -73,10 +74,11 @@ pub const fn edit<'a>(from: &'a str, to: &'a str, key: &'a str) -> Edit<'a> {
     }
 }
 
-/// The good text is read, and each edit of it refused with file, line, column and key.
+/// Asserts that the good text is accepted, and that each edit of it is refused with file, line, column and
+/// key.
 ///
 /// # Panics
-/// Where one is not.
+/// If the good text is refused or an edit is not.
 pub fn assert_refused<T, E: std::fmt::Display>(
     good: &str,
     edits: &[Edit<'_>],

@@ -1,9 +1,9 @@
 //! A beam with a motor and a home switch at each side: a gantry.
 
-/// How far a switch opens above the edge at which it closes, mm.
+/// Hysteresis of a switch: it opens this far above the edge at which it closes, mm.
 const HYSTERESIS: f64 = 0.06;
 
-/// What moves one side.
+/// The motor of one side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BeamMotor {
     /// The motor of the step generator of this number.
@@ -17,18 +17,18 @@ pub enum BeamMotor {
 pub struct BeamSide {
     /// Its motor.
     pub motor: BeamMotor,
-    /// Steps or counts a mm; negative for a motor that turns against the axis.
+    /// Steps or counts per mm; negative for a motor that turns against the axis.
     pub per_mm: f64,
-    /// Where it stands in the beginning, mm.
+    /// Initial position, mm.
     pub start_mm: f64,
-    /// Pin of its home switch, which is low where the switch is closed.
+    /// Pin of its home switch, low while the switch is closed.
     pub switch_pin: usize,
-    /// Where that closes, towards smaller positions, mm.
+    /// Position at which the switch closes, towards smaller positions, mm.
     pub switch_mm: f64,
 }
 
-/// A beam that is square where both sides are at the same position. A side whose motor steps while it is
-/// held, or would rack the beam farther than it can twist, falls out of step.
+/// A beam, square while both sides have the same position. A motor loses steps if its side is held, or if it
+/// would rack the beam beyond its maximum twist.
 #[derive(Clone, Copy, Debug)]
 pub struct Beam {
     sides: [BeamSide; 2],
@@ -41,7 +41,7 @@ pub struct Beam {
 }
 
 impl Beam {
-    /// A beam that twists by `max_rack_mm` at most.
+    /// Creates a beam that twists by at most `max_rack_mm`.
     #[must_use]
     pub fn new(sides: [BeamSide; 2], max_rack_mm: f64) -> Self {
         Self {
@@ -55,23 +55,23 @@ impl Beam {
         }
     }
 
-    /// Where the sides are, mm.
+    /// Positions of the sides, mm.
     #[must_use]
     pub const fn position_mm(&self) -> [f64; 2] {
         self.position
     }
 
-    /// Something holds a side.
+    /// Blocks or releases a side.
     pub const fn hold(&mut self, side: usize, is_held: bool) {
         self.held[side] = is_held;
     }
 
-    /// A side slips, as a motor without torque does.
+    /// Moves a side without its motor, as a motor without torque permits.
     pub fn slip(&mut self, side: usize, mm: f64) {
         self.position[side] += mm;
     }
 
-    /// The wire of a switch: a broken one is open for ever.
+    /// Connects or breaks the wire of a switch: a broken one reads open.
     pub const fn wire_switch(&mut self, side: usize, is_wired: bool) {
         self.is_wired[side] = is_wired;
     }
@@ -84,7 +84,7 @@ impl Beam {
         self.held[side]
     }
 
-    /// The motors have turned; the levels at the pins of the switches.
+    /// Moves the sides with their motors. Returns the levels at the pins of the switches.
     pub(crate) fn follow(&mut self, motors: [f64; 2]) -> [(usize, bool); 2] {
         for (side, now) in motors.into_iter().enumerate() {
             let before = self.motor[side].replace(now).unwrap_or(now);

@@ -1,4 +1,4 @@
-//! A board: its memory spaces, modules, pins, and what happens to packets.
+//! A board: its memory spaces, modules, pins, and the handling of packets.
 
 mod registers;
 
@@ -16,13 +16,13 @@ use crate::switch::Switch;
 /// Clock of the modules, and of the fast ones (PWM), Hz.
 const CLOCK_LOW: u32 = 100_000_000;
 const CLOCK_HIGH: u32 = 200_000_000;
-/// ns of one clock.
+/// Period of the low clock, ns.
 const CLOCK_NS: u64 = 10;
-/// What the watchdog does not count with.
+/// Flag of a timer value with which the watchdog does not count.
 const WATCHDOG_OFF: u32 = 1 << 31;
-/// How late replies are with [`FaultKind::Delay`], ns.
+/// Delay of replies with [`FaultKind::Delay`], ns.
 const DELAY_NS: u64 = 5_000_000;
-/// How long a board needs to start again, ns.
+/// Time that a board needs to restart, ns.
 const START_NS: u64 = 100_000_000;
 const COOKIE: u32 = 0x55AA_CAFE;
 
@@ -56,34 +56,34 @@ impl Pwm {
     }
 }
 
-/// How many packets and registers were served.
+/// Counts of packets and registers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// Packets that came.
+    /// Packets received.
     pub packets: u64,
     /// Their bytes.
     pub bytes_in: u64,
-    /// Replies that left.
+    /// Replies sent.
     pub replies: u64,
     /// Their bytes.
     pub bytes_out: u64,
-    /// Registers of HostMot2 that were read.
+    /// HostMot2 registers read.
     pub reads: u64,
-    /// Registers of HostMot2 that were written.
+    /// HostMot2 registers written.
     pub writes: u64,
-    /// Times that the watchdog was fed.
+    /// Number of times that the watchdog was fed.
     pub feeds: u64,
-    /// Commands that made no sense.
+    /// Invalid commands.
     pub refused: u64,
 }
 
-/// A simulated board. Time comes in as an argument, in ns of any clock that never goes back.
+/// A simulated board. Time is an argument, in ns of any monotonic clock.
 #[derive(Clone, Debug)]
 pub struct Board {
     model: BoardModel,
     now_ns: u64,
     ports: Vec<Port>,
-    /// What the world drives the pins with.
+    /// External levels at the pins.
     levels: Vec<bool>,
     /// Pins that are wired to others: from, to.
     wires: Vec<(usize, usize)>,
@@ -112,7 +112,7 @@ pub struct Board {
     counters: [u16; 16],
     traffic: Traffic,
     faults: Vec<Fault>,
-    /// When the watchdog was fed first: faults count from here.
+    /// First time that the watchdog was fed: time zero of the faults.
     armed_ns: Option<u64>,
     bite_is_over: bool,
     reset_is_over: bool,
@@ -124,7 +124,7 @@ pub struct Board {
 }
 
 impl Board {
-    /// A board that was just supplied.
+    /// Creates a board that has just been supplied.
     #[must_use]
     pub fn new(model: BoardModel, now_ns: u64) -> Self {
         Self {
@@ -169,18 +169,18 @@ impl Board {
         }
     }
 
-    /// Puts a fault on the schedule.
+    /// Adds a fault to the schedule.
     pub fn add_fault(&mut self, fault: Fault) {
         self.faults.push(fault);
     }
 
-    /// Takes all faults off, and lets those that happen once happen again.
+    /// Removes all faults, and permits single faults to occur again.
     pub fn clear_faults(&mut self) {
         self.faults.clear();
         (self.bite_is_over, self.reset_is_over) = (false, false);
     }
 
-    /// A fault from now on, for so long.
+    /// Starts a fault now, for this duration.
     pub fn fault_now(&mut self, kind: FaultKind, duration_ns: Option<u64>) {
         (self.bite_is_over, self.reset_is_over) = (false, false);
         let armed_ns = *self.armed_ns.get_or_insert(self.now_ns);
@@ -191,7 +191,7 @@ impl Board {
         });
     }
 
-    /// Steps that the motor of a step generator has turned; 0 where there is none.
+    /// Steps that the motor of a step generator has turned; 0 if there is none.
     #[must_use]
     pub fn motor_steps(&self, unit: usize) -> f64 {
         self.step_generators
@@ -199,7 +199,7 @@ impl Board {
             .map_or(0.0, StepGenerator::motor_position)
     }
 
-    /// How often that motor fell out of step.
+    /// Number of times that this motor has lost steps.
     #[must_use]
     pub fn motor_stalls(&self, unit: usize) -> u32 {
         self.step_generators
@@ -207,7 +207,7 @@ impl Board {
             .map_or(0, StepGenerator::motor_stalls)
     }
 
-    /// Steps/s of a step generator as it is set.
+    /// Commanded rate of a step generator, steps/s.
     #[must_use]
     pub fn step_rate(&self, unit: usize) -> f64 {
         self.step_generators.get(unit).map_or(0.0, |generator| {
@@ -215,15 +215,15 @@ impl Board {
         })
     }
 
-    /// The largest rate, steps/s, as it was set since the last call.
+    /// Returns the highest rate commanded since the last call, steps/s.
     pub fn take_fastest_rate(&mut self, unit: usize) -> f64 {
         self.step_generators.get_mut(unit).map_or(0.0, |generator| {
             f64::from(generator.take_fastest()) * f64::from(CLOCK_LOW) / 4_294_967_296.0
         })
     }
 
-    /// What the motor of a step generator can do: highest rate, steps/s, and by how much it may change at
-    /// once.
+    /// Sets the limits of a step generator's motor: maximum rate, and maximum step change of the rate,
+    /// steps/s.
     pub fn set_motor(&mut self, unit: usize, max_rate: f64, max_jump: f64) {
         if let Some(generator) = self.step_generators.get_mut(unit) {
             generator.set_motor(max_rate, max_jump);
@@ -243,38 +243,38 @@ impl Board {
         })
     }
 
-    /// Counts of a shaft since the beginning.
+    /// Counts of a shaft since the start.
     #[must_use]
     pub fn shaft(&self, unit: usize) -> f64 {
         self.encoders.get(unit).map_or(0.0, Encoder::shaft)
     }
 
-    /// Puts a shaft somewhere.
+    /// Sets the position of a shaft.
     pub fn set_shaft(&mut self, unit: usize, counts: f64) {
         if let Some(encoder) = self.encoders.get_mut(unit) {
             encoder.set_shaft(counts);
         }
     }
 
-    /// A hand turns the shaft at an encoder by so many counts.
+    /// Turns the shaft of an encoder by a number of counts, as by hand.
     pub fn turn_shaft(&mut self, unit: usize, counts: f64) {
         if let Some(encoder) = self.encoders.get_mut(unit) {
             encoder.turn(counts);
         }
     }
 
-    /// A beam between two of its motors.
+    /// Adds a beam between two motors.
     pub fn set_beam(&mut self, beam: Beam) {
         self.beam = Some(beam);
         self.move_beam();
     }
 
-    /// That beam.
+    /// The beam, if there is one.
     pub const fn beam(&mut self) -> Option<&mut Beam> {
         self.beam.as_mut()
     }
 
-    /// The beam goes where its motors have turned, and its switches change.
+    /// Moves the beam with its motors, and updates its switches.
     fn move_beam(&mut self) {
         let Some(mut beam) = self.beam else { return };
         let motors = beam.sides().map(|side| match side.motor {
@@ -285,7 +285,7 @@ impl Board {
             self.set_level(pin, level);
         }
         for (side, of_beam) in beam.sides().iter().enumerate() {
-            // The shaft of a motor that steps turns on: it has no encoder.
+            // The shaft of a stepper continues to turn: it has no encoder.
             if let BeamMotor::Shaft(unit) = of_beam.motor
                 && let Some(encoder) = self.encoders.get_mut(unit)
             {
@@ -295,7 +295,7 @@ impl Board {
         self.beam = Some(beam);
     }
 
-    /// A spindle at one of its encoders.
+    /// Adds a spindle at one of the encoders.
     pub fn set_spindle(&mut self, spindle: Spindle) {
         let per_rpm = spindle.counts_per_turn as f64 / 60.0;
         if let Some(encoder) = self.encoders.get_mut(spindle.encoder) {
@@ -305,7 +305,7 @@ impl Board {
         self.spindle = Some(spindle);
     }
 
-    /// What the drive of the spindle is commanded, -1 to 1.
+    /// Command of the spindle's drive, -1 to 1.
     fn spindle_duty(&self, spindle: &Spindle) -> f64 {
         match spindle.command {
             SpindleCommand::SignedPwm { unit } => self.duty(unit),
@@ -326,46 +326,47 @@ impl Board {
         }
     }
 
-    /// Counts a turn of a shaft, and counts/s at full PWM of its number.
+    /// Sets the counts per turn of a shaft, and counts/s at full duty of the PWM generator with the same
+    /// number.
     pub fn set_drive(&mut self, unit: usize, counts_per_turn: i64, full_speed: f64) {
         if let Some(encoder) = self.encoders.get_mut(unit) {
             encoder.set_drive(counts_per_turn, full_speed);
         }
     }
 
-    /// The count within a turn at which the index input of an encoder is on.
+    /// Sets the count within a turn at which the index input of an encoder is on.
     pub fn set_index(&mut self, unit: usize, count: i64) {
         if let Some(encoder) = self.encoders.get_mut(unit) {
             encoder.set_index(count);
         }
     }
 
-    /// Whether the next index of an encoder is to be latched.
+    /// Whether an encoder is armed to latch the next index.
     #[must_use]
     pub fn index_is_armed(&self, unit: usize) -> bool {
         self.encoders.get(unit).is_some_and(Encoder::index_is_armed)
     }
 
-    /// -1 to 1, as the pin of a PWM generator has it.
+    /// Duty at the pin of a PWM generator, -1 to 1.
     #[must_use]
     pub fn duty(&self, unit: usize) -> f64 {
         let runs = self.pwm_enable >> unit & 1 == 1 && self.is_connected(tag::PWM, unit, 0x81);
         if runs { self.pwms[unit].duty() } else { 0.0 }
     }
 
-    /// A switch on the way of the motor of a step generator.
+    /// Adds a switch in the travel of a step generator's motor.
     pub fn add_switch(&mut self, switch: Switch) {
         self.switches.push(switch);
     }
 
-    /// What the world drives a pin with.
+    /// Sets the external level at a pin.
     pub fn set_level(&mut self, pin: usize, on: bool) {
         if let Some(level) = self.levels.get_mut(pin) {
             *level = on;
         }
     }
 
-    /// An input of the 7I76 at the first channel of smart serial.
+    /// Sets an input of the 7I76 at the first smart-serial channel.
     pub fn set_field_input(&mut self, bit: u32, on: bool) {
         if let Some(serial) = &mut self.serial {
             serial.set_input(bit, on);
@@ -379,13 +380,13 @@ impl Board {
         }
     }
 
-    /// An output of that 7I76.
+    /// Whether an output of that 7I76 is on.
     #[must_use]
     pub fn field_output_is_on(&self, bit: u32) -> bool {
         self.serial.as_ref().is_some_and(|serial| serial.output(bit))
     }
 
-    /// The spindle of that 7I76: share of its analog output, reverse, enabled.
+    /// The spindle of that 7I76: fraction of its analog output, reverse, enabled.
     #[must_use]
     pub fn field_spindle(&self) -> (f64, bool, bool) {
         self.serial
@@ -393,7 +394,7 @@ impl Board {
             .map_or((0.0, false, false), SmartSerial::spindle)
     }
 
-    /// Times at which that 7I76 exchanged its process data.
+    /// Number of process data exchanges of that 7I76.
     #[must_use]
     pub fn field_exchanges(&self) -> u64 {
         self.serial.as_ref().map_or(0, SmartSerial::exchanges)
@@ -404,7 +405,7 @@ impl Board {
         self.wires.push((from, to));
     }
 
-    /// The level at a pin; pins that nobody drives are high. Of an isolated output: whether it is closed.
+    /// The level at a pin; pins without a driver are high. For an isolated output: whether it is closed.
     #[must_use]
     pub fn level(&self, pin: usize) -> bool {
         if let Some(is_closed) = self.field_output(pin) {
@@ -426,7 +427,7 @@ impl Board {
         })
     }
 
-    /// What a module puts out at a pin, where it has one and is connected to it.
+    /// The output of a module at a pin, if a module is connected to the pin.
     fn field_output(&self, pin: usize) -> Option<bool> {
         let (tag, unit, number) = self.functions[pin];
         if !matches!(tag, tag::RELAY | tag::SIMPLE_OUTPUT)
@@ -450,24 +451,24 @@ impl Board {
         self.ports[pin / PORT_WIDTH].direction >> (pin % PORT_WIDTH) & 1 == 1
     }
 
-    /// Whether the watchdog has bitten.
+    /// Whether the watchdog has expired.
     #[must_use]
     pub const fn has_bitten(&self) -> bool {
         self.watchdog_bitten
     }
 
-    /// What was served so far.
+    /// The counts so far.
     #[must_use]
     pub const fn traffic(&self) -> Traffic {
         self.traffic
     }
 
-    /// From now on every access to a register of HostMot2 is kept: its address, and whether it was written.
+    /// Starts a log of every access to a HostMot2 register: its address, and whether it was written.
     pub fn keep_log(&mut self) {
         self.log = Some(Vec::new());
     }
 
-    /// The accesses since then, or since the last call.
+    /// Returns the accesses since the start of the log or the last call.
     pub fn take_log(&mut self) -> Vec<(u16, bool)> {
         self.log.as_mut().map(std::mem::take).unwrap_or_default()
     }
@@ -497,14 +498,14 @@ impl Board {
         })
     }
 
-    /// Goes on to a moment.
+    /// Advances to `now_ns`.
     pub fn advance(&mut self, now_ns: u64) {
         let clocks = now_ns.saturating_sub(self.now_ns) / CLOCK_NS;
         if clocks == 0 {
             return;
         }
         self.now_ns += clocks * CLOCK_NS;
-        // Until the watchdog bites, and from then on.
+        // In two parts: before and after the watchdog expires.
         let is_awake = self.watchdog_timer & WATCHDOG_OFF == 0 && !self.watchdog_bitten;
         if is_awake && clocks > self.watchdog_left {
             let left = self.watchdog_left;
@@ -588,7 +589,7 @@ impl Board {
         }
     }
 
-    /// All pins become inputs; the modules go on.
+    /// Makes all pins inputs, as the expired watchdog does; the modules keep running.
     fn bite(&mut self) {
         self.watchdog_bitten = true;
         for port in &mut self.ports {
@@ -614,8 +615,7 @@ impl Board {
         (self.scratch, self.counters, self.pointers) = ([0; 8], [0; 16], [0; 8]);
     }
 
-    /// A packet has come. The replies that leave at once are handed to `send`; see [`Board::due`] for those
-    /// that leave later.
+    /// Handles a received packet. Passes immediate replies to `send`; see [`Board::due`] for delayed ones.
     pub fn receive(&mut self, now_ns: u64, packet: &[u8], mut send: impl FnMut(&[u8])) {
         self.advance(now_ns);
         self.half = !self.half;
@@ -657,7 +657,7 @@ impl Board {
         }
     }
 
-    /// Replies whose time has come.
+    /// Passes delayed replies that are due to `send`.
     pub fn due(&mut self, now_ns: u64, mut send: impl FnMut(&[u8])) {
         self.advance(now_ns);
         self.late.retain(|(due_ns, reply)| {

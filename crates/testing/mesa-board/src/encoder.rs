@@ -1,39 +1,38 @@
-//! A quadrature counter, the servo drive at a PWM output, and the axis that both belong to.
+//! A quadrature counter, the servo drive at a PWM output, and their axis.
 
-/// Bits of the control register that can be written.
+/// Writable bits of the control register.
 const CONTROL: u32 = 0x7FF8;
 const CLEAR_ON_INDEX: u32 = 1 << 5;
 const LATCH_ON_INDEX: u32 = 1 << 4;
 const JUST_ONCE: u32 = 1 << 6;
-/// The rising edge of the index input is the pulse; otherwise the falling one.
+/// The rising edge of the index input counts; otherwise the falling one.
 const RISING: u32 = 1 << 3;
 
 /// A counter with timestamp, and the shaft that it counts.
 #[derive(Clone, Debug)]
 pub(crate) struct Encoder {
-    /// Counts of the shaft since the beginning.
+    /// Counts of the shaft since the start.
     shaft: f64,
-    /// Shaft at which the counter reads zero.
+    /// Shaft position at which the counter reads zero.
     zero: i64,
     latched: u16,
     control: u32,
     timestamp: u16,
     last: i64,
-    /// Counts a turn. The index input is on at one count of each: at multiples of a turn beyond
-    /// `index_count`.
+    /// Counts per turn. The index input is on at one count per turn, `index_count` plus a multiple of a turn.
     counts_per_turn: i64,
     index_count: i64,
     has_index: bool,
     /// Counts/s at full PWM.
     full_speed: f64,
     speed: f64,
-    /// Something holds the shaft.
+    /// The shaft is blocked.
     is_held: bool,
-    /// Of a spindle: by how much its speed changes, counts/s2, and varies three times a turn.
+    /// For a spindle: acceleration, counts/s2, and amplitude of the ripple of three cycles per turn.
     inertia: Option<(f64, f64)>,
-    /// Share of the counts that the counter does not see.
+    /// Fraction of the counts that the counter misses.
     loss: f64,
-    /// What of them is not a whole count yet.
+    /// Fraction of a count missed so far.
     lost: f64,
 }
 
@@ -61,7 +60,7 @@ impl Default for Encoder {
 
 /// Time constant of the drive's velocity loop, s.
 const LAG_S: f64 = 0.002;
-/// How much harder than its drive a seized tool brakes a spindle.
+/// Deceleration of a stalled spindle, as a multiple of its drive's.
 const STALL_FACTOR: f64 = 20.0;
 /// Longest step of the drive's simulation, s.
 const STEP_S: f64 = 0.000_2;
@@ -96,28 +95,29 @@ impl Encoder {
         self.last = shaft.floor() as i64;
     }
 
-    /// A hand turns the shaft, and the counter counts it.
+    /// Turns the shaft, as by hand; the counter counts it.
     pub(crate) const fn turn(&mut self, counts: f64) {
         self.shaft += counts;
     }
 
-    /// Something holds the shaft, whatever its drive does.
+    /// Blocks or releases the shaft, against its drive.
     pub(crate) const fn hold(&mut self, is_held: bool) {
         self.is_held = is_held;
     }
 
-    /// Counts a turn, and counts/s at full duty.
+    /// Sets counts per turn, and counts/s at full duty.
     pub(crate) const fn set_drive(&mut self, counts_per_turn: i64, full_speed: f64) {
         self.counts_per_turn = counts_per_turn;
         self.full_speed = full_speed;
     }
 
-    /// It is the spindle's: by how much its speed changes, counts/s2, and varies three times a turn.
+    /// Makes this the spindle's encoder: acceleration, counts/s2, and amplitude of the ripple of three cycles
+    /// per turn.
     pub(crate) const fn set_inertia(&mut self, acceleration: f64, ripple: f64) {
         self.inertia = Some((acceleration, ripple));
     }
 
-    /// Share of the counts that the counter does not see from now on.
+    /// Sets the fraction of the counts that the counter misses from now on.
     pub(crate) const fn set_loss(&mut self, loss: f64) {
         self.loss = loss;
     }
@@ -127,12 +127,12 @@ impl Encoder {
         self.index_count = count;
     }
 
-    /// Whether the next index is to be latched.
+    /// Whether the counter is armed to latch the next index.
     pub(crate) const fn index_is_armed(&self) -> bool {
         self.control & (LATCH_ON_INDEX | CLEAR_ON_INDEX) != 0
     }
 
-    /// Whether the index input is wired.
+    /// Connects or disconnects the index input.
     pub(crate) const fn set_has_index(&mut self, has_index: bool) {
         self.has_index = has_index;
     }
@@ -141,13 +141,13 @@ impl Encoder {
         (count - place).rem_euclid(self.counts_per_turn) == 0
     }
 
-    /// As after power-up; the shaft stays where it is.
+    /// Resets to the state after power-up; the shaft keeps its position.
     pub(crate) fn reset(&mut self) {
         (self.control, self.latched) = (0, 0);
         self.clear();
     }
 
-    /// Goes on in time. `duty`: -1 to 1, what the drive at this axis is asked for.
+    /// Advances the time. `duty`: the command of this axis's drive, -1 to 1.
     pub(crate) fn advance(&mut self, time_s: f64, duty: f64, timestamp: u16) {
         let mut rest = time_s;
         while rest > 0.0 {
@@ -176,7 +176,7 @@ impl Encoder {
         }
     }
 
-    /// The counter follows the shaft, past the edges of the index input on the way.
+    /// Moves the counter to the shaft, and handles the edges of the index input in between.
     fn pass(&mut self, timestamp: u16) {
         let now = self.shaft.floor() as i64;
         let (before, upwards) = (self.last, now > self.last);
@@ -197,8 +197,8 @@ impl Encoder {
         if !self.has_index || self.control & (CLEAR_ON_INDEX | LATCH_ON_INDEX) == 0 {
             return;
         }
-        // The input goes on where the count becomes the index's, and off where it leaves it: the count just
-        // behind the edge.
+        // The count just after the edge. The input switches on when the count reaches the index count, and
+        // off when it leaves it.
         let behind = match (self.control & RISING != 0, upwards) {
             (true, _) => self.index_count,
             (false, true) => self.index_count + 1,
@@ -230,7 +230,7 @@ impl Encoder {
 mod tests {
     use super::*;
 
-    /// An encoder at a count whose shaft is turned by a hand.
+    /// An encoder whose shaft is turned by hand from a count.
     fn turned(control: u32, from: f64, by: f64) -> Encoder {
         let mut encoder = Encoder::default();
         encoder.set_index(7);
@@ -250,7 +250,7 @@ mod tests {
             (once | RISING, 20.5, -20.0, Some(7)),
             (once, 0.5, 20.0, Some(8)),
             (once, 20.5, -20.0, Some(6)),
-            // From within the pulse only its end is met, and the beginning of the next one a turn further.
+            // From within the pulse, only its end occurs, and the beginning of the next one a turn later.
             (once | RISING, 7.5, 20.0, None),
             (once | RISING, 7.5, 4001.0, Some(4007)),
             (once, 7.5, 1.0, Some(8)),

@@ -1,4 +1,4 @@
-//! What goes wrong on demand.
+//! Faults that the simulation can produce.
 
 use core::str::FromStr;
 
@@ -11,25 +11,25 @@ pub enum FaultKind {
     LossIn,
     /// Packets are lost on the way back.
     LossOut,
-    /// Every second packet is lost, each way.
+    /// Every second packet is lost, in each direction.
     Half,
-    /// Replies come 5 ms late.
+    /// Replies are 5 ms late.
     Delay,
     /// Every second reply is overtaken by the one after it.
     Reorder,
-    /// The watchdog bites.
+    /// The watchdog expires.
     Bite,
     /// The board loses its supply for a moment and starts again.
     Reset,
-    /// The configuration cookie is another one.
+    /// The configuration cookie has a wrong value.
     Cookie,
-    /// Replies are cut short.
+    /// Replies are truncated.
     Short,
     /// The field supply of smart-serial devices is off.
     FieldOff,
     /// The index inputs of encoders are not wired.
     IndexMissing,
-    /// What the spindle cuts brings it to a stand.
+    /// The cut stalls the spindle.
     SpindleStall,
     /// The encoder of the spindle gives no counts.
     EncoderOff,
@@ -57,19 +57,19 @@ impl FaultKind {
     ];
 }
 
-/// One fault on the schedule: `KIND@SECONDS[+DURATION]`, as in `loss-out@2.5+0.01`.
+/// A scheduled fault: `KIND@SECONDS[+DURATION]`, as in `loss-out@2.5+0.01`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fault {
-    /// What goes wrong.
+    /// Kind of the fault.
     pub kind: FaultKind,
-    /// When, in ns since the watchdog was fed first.
+    /// Start, ns after the watchdog was first fed.
     pub at_ns: u64,
-    /// For how long, in ns; for ever if none.
+    /// Duration, ns; without end if `None`.
     pub duration_ns: Option<u64>,
 }
 
 impl Fault {
-    /// Whether it is there at a moment.
+    /// Whether the fault is active at `now_ns`.
     #[must_use]
     pub const fn is_active(&self, now_ns: u64) -> bool {
         now_ns >= self.at_ns
@@ -80,7 +80,7 @@ impl Fault {
     }
 }
 
-/// Why a text is no fault.
+/// A text that is not a fault.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
     "`{text}` is no fault: expected KIND@SECONDS[+DURATION], for example `loss-out@2.5+0.01`, with KIND one \

@@ -1,8 +1,8 @@
-//! Inputs with a filter (InM) and outputs behind modules (SSR, OutM), by Mesa's register map.
+//! Filtered inputs (InM) and outputs of modules (SSR, OutM), by Mesa's register map.
 
-/// What SSR puts its frequency out with.
+/// Bit with which SSR puts out its frequency.
 const RELAY_ENABLE: u32 = 1 << 12;
-/// Scans that are carried out one by one; more than the longest filter has.
+/// Maximum number of scans that are simulated one by one; more than the longest filter has.
 const MAX_SCANS: u64 = 2048;
 
 /// An InM: each input counts up while it is high and down while it is low, and changes at the ends.
@@ -14,7 +14,7 @@ pub(crate) struct InputFilter {
     counts: [u32; 32],
     raw: u32,
     filtered: u32,
-    /// Clocks that are not a whole scan.
+    /// Remaining clocks, less than a scan.
     rest: u64,
 }
 
@@ -35,7 +35,7 @@ impl InputFilter {
         *self = Self::new(self.width);
     }
 
-    /// How many inputs it scans.
+    /// Number of inputs that it scans.
     pub(crate) const fn width(&self) -> u32 {
         self.width
     }
@@ -94,7 +94,7 @@ impl InputFilter {
     }
 }
 
-/// Outputs behind SSR and OutM.
+/// Outputs of SSR and OutM.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FieldOutputs {
     /// Data and frequency of SSR.
@@ -105,7 +105,7 @@ pub(crate) struct FieldOutputs {
 }
 
 impl FieldOutputs {
-    /// Whether SSR drives its gates at all.
+    /// Whether SSR drives its gates.
     pub(crate) const fn relays_run(self) -> bool {
         self.relay_rate & RELAY_ENABLE != 0
     }

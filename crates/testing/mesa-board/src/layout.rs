@@ -1,4 +1,4 @@
-//! Which modules a simulated board has, and what is at its pins.
+//! The modules of a simulated board, and the functions of its pins.
 
 /// Function tags of modules and pins.
 pub(crate) mod tag {
@@ -17,7 +17,7 @@ pub(crate) mod tag {
 /// Pins of one connector of these boards.
 pub(crate) const PORT_WIDTH: usize = 17;
 
-/// A board that is simulated.
+/// A simulated board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoardModel {
     /// Two connectors of 17 pins: 5 step generators and an encoder on the first.
@@ -25,13 +25,13 @@ pub enum BoardModel {
     /// 11 inputs with filters, 4 isolated outputs and 2 others, 5 step generators, an encoder, a PWM
     /// generator.
     B7i96s,
-    /// 5 step generators, an encoder, and the field I/O of a 7I76 behind smart serial.
+    /// 5 step generators, an encoder, and the field I/O of a 7I76 on smart serial.
     B7i76e,
     /// 6 encoders, 6 PWM generators for analog outputs.
     B7i97,
 }
 
-/// A module descriptor's figures.
+/// Fields of a module descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Module {
     pub(crate) tag: u8,
@@ -40,7 +40,7 @@ pub(crate) struct Module {
     pub(crate) instances: u8,
     pub(crate) base: u16,
     pub(crate) registers: u8,
-    /// Which strides: of instances above, of registers below.
+    /// Stride selection: of instances in the upper bits, of registers in the lower.
     pub(crate) strides: u8,
     pub(crate) multiple: u32,
 }
@@ -54,7 +54,7 @@ impl BoardModel {
         (Self::B7i97, "7i97"),
     ];
 
-    /// What the board calls itself.
+    /// Name of the board.
     #[must_use]
     pub const fn card_name(self) -> &'static str {
         match self {
@@ -108,7 +108,7 @@ impl BoardModel {
         }
     }
 
-    /// Inputs behind a filter; such a board has outputs behind modules too.
+    /// Number of filtered inputs; a board with any also has outputs of modules.
     pub(crate) const fn filtered_inputs(self) -> u32 {
         match self {
             Self::B7i96s => 11,
@@ -198,7 +198,7 @@ impl BoardModel {
             for bit in 4..6 {
                 pins[11 + usize::from(bit)] = (tag::SIMPLE_OUTPUT, 0, 0x81 + bit);
             }
-            // The reference of all isolated outputs, behind the PWM generator's pins.
+            // The reference of all isolated outputs, after the PWM generator's pins.
             pins[33] = (tag::RELAY, 0, 0xA0);
         }
         pins

@@ -1,24 +1,23 @@
-//! LBP16 as the board reads it: commands in a packet, data in the reply.
+//! LBP16 on the board's side: commands in a packet, data in the reply.
 //!
 //! A command is a 16-bit word, low byte first: bit 15 write, bit 14 an address follows, bit 13 information
-//! about the space, bits 12 to 10 the space, bits 9 and 8 the width (8, 16, 32, 64 bits), bit 7 the address
-//! grows, bits 6 to 0 how many.
+//! about the space, bits 12 to 10 the space, bits 9 and 8 the width (8, 16, 32, 64 bits), bit 7 increment of
+//! the address, bits 6 to 0 the count.
 
-/// The memory behind the protocol.
+/// The memory that the protocol accesses.
 pub(crate) trait Memory {
     /// Reads `bytes` bytes (1, 2, 4 or 8) of a space.
     fn read(&mut self, space: u8, address: u16, bytes: usize) -> u64;
-    /// Writes them.
+    /// Writes `bytes` bytes of a space.
     fn write(&mut self, space: u8, address: u16, bytes: usize, value: u64);
-    /// Reads of the information about a space.
+    /// Reads the information about a space.
     fn information(&mut self, space: u8, address: u16) -> u16;
-    /// A command that cannot be carried out; the rest of the packet is dropped.
+    /// Counts a command that cannot be carried out; the rest of the packet is dropped.
     fn refused(&mut self);
 }
 
-/// Carries out a packet. The reply, which has the data of all reads one after the other, is empty where
-/// nothing was read. `pointers` are the addresses at which commands without an address go on, one for each
-/// space.
+/// Carries out a packet. Returns the reply, which has the data of all reads in order and is empty without
+/// any. `pointers` are the addresses at which commands without an address continue, one per space.
 pub(crate) fn carry_out(
     mut packet: &[u8],
     pointers: &mut [u16; 8],

@@ -10,15 +10,16 @@
 //! assert_eq!(replies, [0x55AA_CAFE_u32.to_le_bytes()]);
 //! ```
 //!
-//! [`Board`] is pure: packets and time in, packets out. [`BoardServer`] puts it behind a socket. Registers
-//! are as Mesa's register map of HostMot2 has them; step generators count as theirs do, and the motors at
-//! them follow their pulses only while the pins are outputs of the generator. [`Fault`]s come on demand.
+//! [`Board`] is a pure model: it takes packets and times and returns packets. [`BoardServer`] connects it to
+//! a socket. Registers follow Mesa's register map of HostMot2. Step generators count as on the real board;
+//! their motors follow the pulses only while the pins are outputs of the generator. [`Fault`]s are simulated
+//! on demand.
 //!
 //! A [`Beam`] is a gantry: two motors, each with its home switch. A [`Spindle`] has inertia and an encoder
 //! with an index.
 //!
-//! It leaves out smart serial, the debouncing inputs and solid-state outputs of the 7I96S (InM, SSR), the
-//! DPLL, flash and configuration.
+//! Smart serial has one device, a 7I76 at the first channel. Not simulated: the DPLL, flash and
+//! configuration.
 
 mod beam;
 mod board;

@@ -1,4 +1,4 @@
-//! The board behind a UDP socket.
+//! The board on a UDP socket.
 
 use std::net::{IpAddr, SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,13 +10,13 @@ use crate::board::Board;
 
 /// The port of LBP16.
 pub const PORT: u16 = 27181;
-/// Longest wait for a packet: the watchdog and late replies are looked at in between.
+/// Maximum wait for a packet: the watchdog and delayed replies are handled in between.
 const PATIENCE: Duration = Duration::from_millis(1);
 
-/// A board that others may look at while it is served.
+/// A board that other threads can access while it is served.
 pub type SharedBoard = Arc<Mutex<Board>>;
 
-/// ns since this process first asked.
+/// Time since the first call in this process, ns.
 #[must_use]
 pub fn now_ns() -> u64 {
     static BEGIN: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
@@ -38,7 +38,7 @@ pub fn serve(board: &Mutex<Board>, socket: &UdpSocket, stop: &AtomicBool) -> std
         if let Ok((length, from)) = received {
             peer = Some(from);
             board.receive(now_ns(), &packet[..length], |reply| {
-                // What does not leave is lost, as on any wire.
+                // A reply that cannot be sent is lost, as on any wire.
                 let _lost = socket.send_to(reply, from);
             });
         }
@@ -51,15 +51,15 @@ pub fn serve(board: &Mutex<Board>, socket: &UdpSocket, stop: &AtomicBool) -> std
     Ok(())
 }
 
-/// A real board answers within microseconds whatever this computer does; so does this one as far as the
-/// system lets it.
+/// Sets `SCHED_FIFO` for the calling thread, if the system permits it: a real board replies within
+/// microseconds, independent of this computer's load.
 fn raise_priority() {
     let parameters = libc::sched_param { sched_priority: 20 };
     // SAFETY: the parameters live through the call; 0 is the calling thread.
     let _allowed = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) };
 }
 
-/// A board that is served by a thread until this is dropped.
+/// Serves a board on a thread until it is dropped.
 #[derive(Debug)]
 pub struct BoardServer {
     /// The board.
@@ -69,7 +69,7 @@ pub struct BoardServer {
 }
 
 impl BoardServer {
-    /// Starts it at an address of this computer.
+    /// Starts the server at an address of this computer.
     ///
     /// # Errors
     /// The address is not of this computer, or is taken.
@@ -77,7 +77,7 @@ impl BoardServer {
         Self::with_socket(board, UdpSocket::bind((address, PORT))?)
     }
 
-    /// Starts it behind a socket that was opened elsewhere: in another network namespace, for example.
+    /// Starts the server on a socket that was opened elsewhere, for example in another network namespace.
     ///
     /// # Errors
     /// No thread can be started.
@@ -87,7 +87,7 @@ impl BoardServer {
         let thread = std::thread::Builder::new().name("mesa-board".to_owned()).spawn({
             let (board, stop) = (Arc::clone(&board), Arc::clone(&stop));
             move || {
-                // A socket that fails is a board that is gone.
+                // A failed socket acts like a disconnected board.
                 let _gone = serve(&board, &socket, &stop);
             }
         })?;

@@ -1,4 +1,4 @@
-//! A smart-serial module (SSLBP) with the field I/O of a 7I76, by Mesa's manuals of its cards.
+//! A smart-serial module (SSLBP) with the field I/O of a 7I76, by Mesa's manuals of the cards.
 //!
 //! A command written to the command register is carried out and cleared. In setup mode the CS register of a
 //! channel holds a command of the device's own protocol (LBP) above an address; in normal mode each DOIT
@@ -6,11 +6,11 @@
 
 /// Channels of one module.
 pub(crate) const CHANNELS: usize = 8;
-/// How long one exchange takes, ns: 2.5 Mb/s both ways and the device's own time.
+/// Duration of one exchange, ns: both directions at 2.5 Mb/s and the device's own time.
 const EXCHANGE_NS: u64 = 60_000;
-/// How long a start takes, ns.
+/// Duration of a start, ns.
 const START_NS: u64 = 400_000;
-/// The device switches its outputs off where nothing comes for so long, ns.
+/// Time without an exchange after which the device switches its outputs off, ns.
 const WATCHDOG_NS: u64 = 50_000_000;
 
 const STOP: u16 = 0x08;
@@ -26,12 +26,12 @@ const NO_REMOTE: u32 = 0x4000;
 const TOO_MANY_ERRORS: u32 = 0x80;
 const TIMEOUT_ERROR: u32 = 0x08;
 
-/// Where the tables of the device's memory are.
+/// Addresses of the tables in the device's memory.
 const PROCESS_TABLE: u16 = 0x0200;
 const GLOBAL_TABLE: u16 = 0x0240;
 const RECORDS: u16 = 0x0300;
 
-/// What a channel does.
+/// Mode of a channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Mode {
     #[default]
@@ -40,7 +40,7 @@ enum Mode {
     Normal,
 }
 
-/// Registers that the host writes and reads, which are two sets.
+/// Registers of a channel: the host's writes and reads access two separate sets.
 #[derive(Clone, Copy, Debug, Default)]
 struct Channel {
     mode: Mode,
@@ -156,7 +156,7 @@ fn memory() -> Vec<u8> {
     memory
 }
 
-/// The device at the cable.
+/// The device of the first channel.
 #[derive(Clone, Debug)]
 struct Device {
     memory: Vec<u8>,
@@ -164,12 +164,12 @@ struct Device {
     outputs: u16,
     spindle: u16,
     fed_ns: u64,
-    /// Output and input that are wired.
+    /// Pairs of a wired output and input.
     wires: Vec<(u32, u32)>,
 }
 
 impl Device {
-    /// Packs what comes from the field.
+    /// Packs the process data of the field inputs.
     fn answer(&self) -> [u32; 3] {
         let inputs = self.wires.iter().fold(self.inputs, |inputs, (from, to)| {
             let on = u32::from(self.outputs >> from & 1);
@@ -188,7 +188,7 @@ impl Device {
 #[derive(Clone, Debug)]
 pub(crate) struct SmartSerial {
     command: u16,
-    /// When the command in work is over.
+    /// Time at which the present command is done.
     done_ns: u64,
     data: u8,
     channels: [Channel; CHANNELS],
@@ -243,7 +243,7 @@ impl SmartSerial {
         self.device.outputs >> bit & 1 == 1
     }
 
-    /// Share of the spindle's analog output, direction, enable.
+    /// Fraction of the spindle's analog output, direction, enable.
     pub(crate) fn spindle(&self) -> (f64, bool, bool) {
         let raw = self.device.spindle;
         (
@@ -257,7 +257,7 @@ impl SmartSerial {
         self.exchanges
     }
 
-    /// Goes on to a moment.
+    /// Advances to `now_ns`.
     pub(crate) fn advance(&mut self, now_ns: u64) {
         if self.command != 0 && now_ns >= self.done_ns {
             self.finish(now_ns);
@@ -286,7 +286,7 @@ impl SmartSerial {
             0 => {
                 let command = value as u16;
                 let is_stop = command >> 8 == STOP;
-                // A command in work is not disturbed, but for a stop.
+                // Only a stop interrupts a command in progress.
                 if self.command == 0 || is_stop {
                     self.command = command;
                     let time_ns = match command {

@@ -1,6 +1,6 @@
-//! A spindle at a board: a motor with inertia behind an analog speed, and the encoder on its shaft.
+//! A spindle at a board: a motor with inertia and an analog speed command, and the encoder on its shaft.
 
-/// What tells the spindle its speed.
+/// Source of the spindle's speed command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpindleCommand {
     /// A PWM generator whose sign is the direction.
@@ -28,18 +28,18 @@ pub struct Spindle {
     pub encoder: usize,
     /// Its drive's command.
     pub command: SpindleCommand,
-    /// Counts a turn; the index input is on at one of them.
+    /// Counts per turn; the index input is on at one of them.
     pub counts_per_turn: i64,
     /// Speed at full output, rpm.
     pub full_rpm: f64,
-    /// By how much its speed changes, rpm per second.
+    /// Acceleration, rpm per second.
     pub acceleration_rpm_s: f64,
-    /// By how much its speed varies three times a turn, as a ratio.
+    /// Amplitude of the speed ripple, three cycles per turn, as a ratio of the speed.
     pub ripple: f64,
 }
 
 impl Spindle {
-    /// 3000 rpm at full output in one and a half seconds, 4096 counts, even speed.
+    /// A spindle that reaches 3000 rpm at full output in 1.5 s, with 4096 counts per turn and no ripple.
     #[must_use]
     pub const fn usual(encoder: usize, command: SpindleCommand) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! A step generator and the motor that its pulses turn.
+//! A step generator and its motor.
 
 /// Fractional bits of the accumulator: 16 bits of whole steps, 32 below.
 const FRACTION: u32 = 32;
@@ -9,7 +9,7 @@ const MASK: u64 = (1 << 48) - 1;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StepGenerator {
     pub(crate) rate: u32,
-    /// The largest magnitude of the rate as it was set.
+    /// Largest magnitude of the commanded rate.
     fastest: u32,
     accumulator: u64,
     pub(crate) mode: u32,
@@ -22,7 +22,7 @@ pub(crate) struct StepGenerator {
     motor: StepMotor,
 }
 
-/// A stepper at step and direction: it follows every pulse, unless the rate changes faster than it can.
+/// A stepper with step and direction inputs: it follows every pulse, unless the rate changes too fast.
 #[derive(Clone, Copy, Debug)]
 struct StepMotor {
     /// Steps/s and steps/s2.
@@ -51,7 +51,7 @@ impl StepGenerator {
         self.fastest = self.fastest.max((rate as i32).unsigned_abs());
     }
 
-    /// The largest magnitude of the rate since the last call.
+    /// Returns the largest magnitude of the rate since the last call.
     pub(crate) fn take_fastest(&mut self) -> u32 {
         core::mem::take(&mut self.fastest)
     }
@@ -65,22 +65,22 @@ impl StepGenerator {
         self.accumulator = (value as u64) << 16;
     }
 
-    /// Smallest number of clocks a step, by the times that are set.
+    /// Minimum number of clocks per step, by the configured times.
     fn clocks_per_step(&self) -> u64 {
         u64::from(self.step_length) + u64::from(self.step_space) + 2
     }
 
-    /// Goes on by so many clocks. `reaches_motor`: the pins are outputs of the generator.
+    /// Advances by a number of clocks. `reaches_motor`: the pins are outputs of the generator.
     pub(crate) fn advance(&mut self, clocks: u64, clock_hz: f64, reaches_motor: bool) {
         let rate = i128::from(self.rate as i32);
-        // Pulses cannot come faster than their times allow.
+        // The configured times limit the rate of pulses.
         let most = (1_i128 << FRACTION) / i128::from(self.clocks_per_step());
         let rate = rate.clamp(-most, most);
         let before = self.accumulator;
         let moved = rate * i128::from(clocks);
         self.accumulator = (i128::from(before) + moved) as u64 & MASK;
         let whole = |accumulator: u64| (accumulator >> FRACTION) as i64;
-        // How often the whole part has changed, over any number of turns of the accumulator.
+        // Number of changes of the whole part, over any number of wraps of the accumulator.
         let steps = ((i128::from(before) + moved) >> FRACTION) as i64 - whole(before);
         if reaches_motor {
             self.steps_out += steps;
@@ -97,13 +97,13 @@ impl StepGenerator {
         self.motor.stalls
     }
 
-    /// What the motor can do: highest rate, steps/s, and by how much it may change at once.
+    /// Sets the limits of the motor: maximum rate, and maximum step change of the rate, steps/s.
     pub(crate) const fn set_motor(&mut self, max_rate: f64, max_jump: f64) {
         self.motor.max_rate = max_rate;
         self.motor.max_jump = max_jump;
     }
 
-    /// As after power-up; the motor stays where it is.
+    /// Resets to the state after power-up; the motor keeps its position.
     pub(crate) fn reset(&mut self) {
         *self = Self {
             motor: StepMotor {
@@ -122,7 +122,7 @@ impl StepMotor {
             return;
         }
         if (rate - self.rate).abs() > self.max_jump || rate.abs() > self.max_rate {
-            // It falls out of step; until the rate is back at what it can start with nothing turns.
+            // The motor loses steps, and stands until the rate is low enough to start again.
             self.stalls += 1;
             self.rate = 0.0;
             return;

@@ -1,16 +1,16 @@
-//! A switch on the way of a motor.
+//! A switch in the travel of a motor.
 
 use core::str::FromStr;
 
-/// An input that is low (of a 7I76: off) while the motor of a step generator is at or beyond a position, seen
-/// from where it stood when the board was supplied.
+/// An input that is low (on a 7I76: off) while the motor of a step generator is at or beyond a position,
+/// relative to its position when the board was supplied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switch {
     /// The pin, or the field input of a 7I76.
     pub input: usize,
     /// The step generator.
     pub unit: usize,
-    /// Steps; negative ones are passed downward.
+    /// Position, steps; a negative one is passed in the negative direction.
     pub steps: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The simulated board by itself: the protocol's words, counters, watchdog.
+//! The simulated board alone: protocol words, counters, watchdog.
 
 #![expect(clippy::panic, reason = "a test")]
 

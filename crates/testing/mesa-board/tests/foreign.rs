@@ -1,7 +1,7 @@
 //! Foreign clients on the simulated board, over real sockets: Debian's `mesaflash` and LinuxCNC's `hm2_eth`.
 //!
-//! They need the packages `mesaflash` and `linuxcnc-uspace`, `iptables`, and the right to make network
-//! namespaces. Where these are not installed, EVOLVENT_LINUXCNC names the folder of `tools/get-linuxcnc`,
+//! They need the packages `mesaflash` and `linuxcnc-uspace`, `iptables`, and the right to create network
+//! namespaces. If the packages are not installed, EVOLVENT_LINUXCNC names the folder of `tools/get-linuxcnc`,
 //! which has them unpacked.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::print_stdout, reason = "a test")]
@@ -24,7 +24,7 @@ const CLIENT: &str = "10.27.0.1/24";
 const BOARD: &str = "10.27.0.2";
 const MAC: &str = "00:60:1b:20:00:01";
 
-/// A board in a namespace of its own, at the other end of a cable to the namespace of the calling thread.
+/// Creates a board in its own namespace, connected by a cable to the namespace of the calling thread.
 fn board_behind_cable(model: BoardModel) -> Result<BoardServer, String> {
     own_namespace()?;
     for arguments in [
@@ -37,7 +37,7 @@ fn board_behind_cable(model: BoardModel) -> Result<BoardServer, String> {
     ip(&["addr", "add", CLIENT, "dev", "hm0"])?;
     let (tell, told) = std::sync::mpsc::channel();
     let (give, given) = std::sync::mpsc::channel();
-    // The socket stays in the namespace of the thread that has opened it.
+    // A socket stays in the namespace of the thread that opened it.
     let other = std::thread::spawn(move || {
         own_namespace()?;
         // SAFETY: no memory is concerned.
@@ -72,7 +72,7 @@ fn unpacked(program: &str) -> Option<PathBuf> {
     let folder = PathBuf::from(std::env::var_os("EVOLVENT_LINUXCNC")?);
     let has = |part: &str| folder.join("programs/usr").join(part).join(program).exists();
     let script = folder.join("with-programs");
-    // Not every user may lay the programs over the system's.
+    // Not every user may overlay the programs on the system's.
     let runs = || {
         Command::new(&script)
             .arg("true")
@@ -96,8 +96,8 @@ fn timeout(options: &[&str], program: &str) -> Command {
     command
 }
 
-/// Runs a test with a board in a namespace, on a thread of its own. None where that is not possible, which is
-/// said.
+/// Runs a test with a board in a namespace, on its own thread. Returns `None` and prints a message if that is
+/// not possible.
 fn on_cable<R: Send + 'static>(
     model: BoardModel,
     programs: &'static [&'static str],
@@ -169,7 +169,7 @@ fn prepared(board: &str, watchdog_ns: u64, lines: &str) -> String {
     )
 }
 
-/// Runs `hm2_eth` with a HAL file. It runs as another user, as LinuxCNC does where root starts it.
+/// Runs `hm2_eth` with a HAL file. It runs as another user, as LinuxCNC does if root starts it.
 fn hal(file: &str) -> Output {
     // One LinuxCNC per host: its real-time process and shared memory have fixed names.
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
@@ -193,21 +193,21 @@ fn hal(file: &str) -> Output {
     output
 }
 
-/// What `getp` has printed after a mark.
+/// The output of `getp` after a mark.
 fn printed<'a>(said: &'a str, mark: &str) -> &'a str {
     let rest = said.split(mark).nth(1).unwrap_or_default();
     rest.lines().nth(1).unwrap_or_default().trim()
 }
 
-/// The same as a number.
+/// The output of `getp` after a mark, as a number.
 fn after(said: &str, mark: &str) -> f64 {
     let text = printed(said, mark);
     text.parse()
         .unwrap_or_else(|_| panic!("no number after {mark}: {said}"))
 }
 
-/// Runs `hm2_eth` until the host lets it: one that is busy may have it give up a packet that takes longer
-/// than it waits.
+/// Runs `hm2_eth`, and repeats the run if the host disturbed it: on a busy host it may time out waiting for a
+/// packet.
 fn hal_in_time(file: &str) -> String {
     let mut said = String::new();
     for _ in 0..5 {
@@ -260,7 +260,7 @@ getp hm2_7i96s.0.stepgen.00.position-fb
 ";
     const PROGRAMS: [&str; 2] = ["halrun", "iptables"];
     on_cable(BoardModel::B7i96s, &PROGRAMS, |server| {
-        // On a host that is busy the client may give up a packet that takes longer than it waits.
+        // On a busy host the client may time out waiting for a packet.
         let mut said = String::new();
         for _ in 0..5 {
             server.lock().keep_log();
@@ -305,7 +305,7 @@ getp hm2_7i96s.0.stepgen.00.position-fb
     });
 }
 
-/// Inputs behind a filter and isolated outputs, where their registers are as `hm2_eth` has them.
+/// Filtered inputs and isolated outputs, whose registers must match `hm2_eth`'s.
 #[test]
 fn hm2_eth_closes_isolated_outputs_and_reads_filtered_inputs() {
     const HAL: &str = "\
@@ -365,7 +365,7 @@ getp hm2_7i96s.0.inm.00.input-03
     });
 }
 
-/// A 7I76 behind smart serial, described by its own memory.
+/// A 7I76 on smart serial, described by its own memory.
 #[test]
 fn hm2_eth_finds_the_field_io_of_a_7i76() {
     const HAL: &str = "\
@@ -407,8 +407,7 @@ loadusr -w sleep 1
     });
 }
 
-/// The index of an encoder, as `hm2_eth` arms it and reads what was latched: its count begins anew at the
-/// edge, once.
+/// `hm2_eth` arms the index of an encoder and reads the latched count: the count restarts at the edge, once.
 #[test]
 fn hm2_eth_latches_the_index_of_an_encoder() {
     for (rising, edge) in [(false, 1301), (true, 1300)] {
@@ -429,7 +428,7 @@ fn hm2_eth_latches_the_index_of_an_encoder() {
             server.lock().set_index(0, 1300);
             let stop = std::sync::atomic::AtomicBool::new(false);
             let said = std::thread::scope(|scope| {
-                // One turn and a half from the moment on at which the driver has armed it.
+                // One and a half turns after the driver has armed it.
                 scope.spawn(|| {
                     let mut left = 0;
                     while !stop.load(std::sync::atomic::Ordering::Relaxed) {
@@ -461,7 +460,7 @@ fn hm2_eth_latches_the_index_of_an_encoder() {
     }
 }
 
-/// Registers that were read, and that were written.
+/// Registers read, and registers written.
 type Registers = [BTreeSet<u16>; 2];
 
 fn registers(log: &[(u16, bool)]) -> Registers {
@@ -477,9 +476,9 @@ fn told(registers: &BTreeSet<u16>) -> String {
     texts.join(" ")
 }
 
-/// Our bridge and `hm2_eth` on the same board: both move step generator 0 and set an isolated output.
-/// Whatever our bridge reads or writes, `hm2_eth` reads or writes too, and each of its cycles is one packet
-/// that is answered and one that is not.
+/// Our bridge and `hm2_eth` on the same board: both move step generator 0 and set an isolated output. Every
+/// register that our bridge reads or writes is also read or written by `hm2_eth`, and each cycle of our
+/// bridge is one packet with a reply and one without.
 #[test]
 fn our_bridge_uses_the_registers_of_hm2_eth_in_two_packets_a_cycle() {
     const HAL: &str = "\
@@ -557,7 +556,7 @@ loadusr -w sleep 1
                 "{address:04X}h"
             );
         }
-        // A cycle may be under way at the beginning and at the end.
+        // A cycle may be in progress at the beginning and at the end.
         let [packets, feeds] = counts;
         assert!(feeds > 300, "{feeds} cycles");
         assert!(

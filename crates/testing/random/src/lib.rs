@@ -1,8 +1,8 @@
-//! For tests: random numbers that tell their seed.
+//! For tests: random numbers that report their seed.
 //!
 //! [`Random`] is xorshift64\* (Vigna, "An experimental exploration of Marsaglia's xorshift generators,
 //! scrambled", 2016): 64 bits of state, the same sequence on every machine. [`seed`] and [`cases`] read
-//! `EVOLVENT_SEED` and `EVOLVENT_CASES`, so that a failure can be repeated and a campaign made longer without
+//! `EVOLVENT_SEED` and `EVOLVENT_CASES`, so that a failure can be repeated and a campaign extended without
 //! changing a test.
 //!
 //! ```
@@ -14,7 +14,7 @@
 //! assert_eq!(other.log(0.1, 1000.0), speed_mm_s);
 //! ```
 //!
-//! It depends on nothing, so that every crate can use it in its tests; nothing in it is for the product.
+//! The crate has no dependencies, so that every crate can use it in its tests. The product does not use it.
 
 use std::str::FromStr;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -24,32 +24,32 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub struct Random(u64);
 
 impl Random {
-    /// Seeded by `EVOLVENT_SEED`, or by the time; says with what.
+    /// Seeds the generator from `EVOLVENT_SEED`, or from the time, and prints the seed.
     #[must_use]
     #[expect(clippy::new_without_default, reason = "two of them differ")]
     pub fn new() -> Self {
         Self::mixed(seed(seed_of_time()))
     }
 
-    /// Seeded by `EVOLVENT_SEED`, or as the test says; says with what.
+    /// Seeds the generator from `EVOLVENT_SEED`, or with `usual`, and prints the seed.
     #[must_use]
     pub fn seeded(usual: u64) -> Self {
         Self::mixed(seed(usual))
     }
 
-    /// Seeds that are near each other give unlike sequences.
+    /// Seeds the generator so that adjacent seeds give unrelated sequences.
     #[must_use]
     pub const fn mixed(seed: u64) -> Self {
         Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
     }
 
-    /// Begins with this state; 0, from which there is no way out, counts as 1.
+    /// Starts with this state. A state of 0 would never change, so it counts as 1.
     #[must_use]
     pub const fn from_state(state: u64) -> Self {
         Self(if state == 0 { 1 } else { state })
     }
 
-    /// The state, to tell or to derive another generator from.
+    /// The state, to print or to derive another generator from.
     #[must_use]
     pub const fn state(&self) -> u64 {
         self.0
@@ -63,44 +63,44 @@ impl Random {
         self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
     }
 
-    /// From 0 to before 1.
+    /// A number from 0 to below 1.
     pub fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// From `low` to before `high`.
+    /// A number from `low` to below `high`.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
-    /// From `low` to before `high`, both above 0, every decade as likely as the others.
+    /// A number from `low` to below `high`, both above 0, with a uniform distribution of its logarithm.
     pub fn log(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.unit())
     }
 
-    /// From 0 to before `count`, by the remainder; 0 where `count` is 0.
+    /// An index from 0 to below `count`, by the remainder; 0 if `count` is 0.
     pub fn below(&mut self, count: usize) -> usize {
         (self.bits() % count.max(1) as u64) as usize
     }
 
-    /// From 0 to before `count`, by a fraction of it; 0 where `count` is 0.
+    /// An index from 0 to below `count`, by a fraction of it; 0 if `count` is 0.
     pub fn pick(&mut self, count: usize) -> usize {
         ((self.unit() * count as f64) as usize).min(count.saturating_sub(1))
     }
 
-    /// One of a list.
+    /// A random item of a list.
     ///
     /// # Panics
-    /// The list is empty.
+    /// If the list is empty.
     pub fn one_of<'a, T>(&mut self, list: &'a [T]) -> &'a T {
         &list[self.below(list.len())]
     }
 }
 
-/// `EVOLVENT_SEED`, decimal or with `0x`, or as the test says; printed.
+/// Returns and prints the seed: `EVOLVENT_SEED`, decimal or with `0x`, or else `usual`.
 ///
 /// # Panics
-/// It is no number: a seed that was not used would repeat nothing.
+/// If `EVOLVENT_SEED` is not a number: ignoring it would not repeat the failure.
 #[must_use]
 #[expect(clippy::print_stdout, reason = "a seed is told")]
 pub fn seed(usual: u64) -> u64 {
@@ -116,10 +116,10 @@ pub fn seed_of_time() -> u64 {
     since.map_or(1, |since| since.as_nanos() as u64)
 }
 
-/// `EVOLVENT_CASES`, or as the test says; printed.
+/// Returns and prints the number of cases: `EVOLVENT_CASES`, or else `usual`.
 ///
 /// # Panics
-/// It is no number.
+/// If `EVOLVENT_CASES` is not a number.
 #[must_use]
 #[expect(clippy::print_stdout, reason = "a number of cases is told")]
 pub fn cases(usual: usize) -> usize {
@@ -128,7 +128,7 @@ pub fn cases(usual: usize) -> usize {
     cases
 }
 
-/// Whether `EVOLVENT_CASES` is given: bounds on what many cases come to need not hold then.
+/// Whether `EVOLVENT_CASES` is set: bounds on totals over all cases need not hold then.
 #[must_use]
 pub fn cases_are_given() -> bool {
     std::env::var_os("EVOLVENT_CASES").is_some()

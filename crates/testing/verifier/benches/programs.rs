@@ -1,13 +1,12 @@
 //! Machining time, limits, tolerance and cost of planning over a folder of programs:
 //!
 //!     cargo bench -p evolvent-verifier --bench programs -- [FOLDER|FILE ...] [--planner NAME|both]
-//!     [--rate HZ]
-//!         [--machine FILE] [--only TEXT] [--json] [--strict] [--write DIR]
+//!         [--rate HZ] [--machine FILE] [--only TEXT] [--json] [--strict] [--write DIR]
 //!
-//! `--planner both` sets the planners side by side. Without a folder: the programs of tests/programs and
-//! those that this crate writes itself. `--write DIR` writes the latter and runs nothing. `--strict` ends
-//! with exit code 1 if anything was violated or did not run to its end. Every sample is checked by the judge,
-//! which shares no code with planners.
+//! `--planner both` compares the planners side by side. Without a folder: the programs of tests/programs and
+//! those that this crate generates. `--write DIR` writes the latter and runs nothing. `--strict` ends with
+//! exit code 1 if anything was violated or did not run to its end. Every sample is checked by the judge,
+//! which shares no code with the planners.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a benchmark prints")]
 
@@ -55,7 +54,7 @@ impl Options {
         while let Some(word) = words.next() {
             let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
             match word.as_str() {
-                // Cargo says it to every benchmark.
+                // Cargo passes it to every benchmark.
                 "--bench" => {}
                 "--json" => options.json = true,
                 "--strict" => options.strict = true,
@@ -268,7 +267,7 @@ fn blocks_per_s(trial: &Trial) -> f64 {
     trial.verdict.blocks as f64 / trial.planning_s.max(1e-9)
 }
 
-/// The planners' times beside one another.
+/// Prints the planners' times side by side.
 fn print_beside(rows: &[Row], times: &mut Mean) {
     let time = |row: &Row| row.whole().map(|trial| trial.verdict.duration_s);
     let [one, other] = rows else { return };
@@ -347,7 +346,7 @@ fn print_totals(setups: &[Setup], totals: &[Totals], times: &Mean, json: bool) {
     }
 }
 
-/// Whether everything was in order.
+/// Returns whether there was no violation.
 fn bench(options: &Options) -> Result<bool, String> {
     if let Some(folder) = &options.write {
         let files = write_suite(folder)?;

@@ -1,9 +1,9 @@
-//! What single re-plans cost: windows solved, Newton steps, and processor time of each:
+//! Cost of single re-plans: windows solved, Newton steps, and processor time of each:
 //!
 //!     cargo bench -p evolvent-verifier --bench replans -- [FOLDER|FILE ...] [--runs N]
 //!
-//! The planner runs alone on this thread. The time of a re-plan is the least of several runs (3 by default),
-//! since the same window is solved in each; steps are the same in all of them.
+//! The planner runs alone on this thread. The time of a re-plan is the minimum of several runs (3 by
+//! default), since the same window is solved in each; steps are the same in all of them.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a benchmark prints")]
 #![allow(dead_code, reason = "the shared part serves other benchmarks too")]
@@ -55,7 +55,7 @@ impl PlanSink for Meter {
     }
 }
 
-/// Plans a program to its end; the windows with their times and steps.
+/// Plans a program to its end. Returns the windows with their times and steps.
 fn plan(program: &Path, setup: &Setup) -> Result<Vec<(f64, u32)>, String> {
     let name = program.display();
     let file = File::open(program).map_err(|error| format!("{name}: {error}"))?;

@@ -3,8 +3,9 @@
 //!     cargo bench -p evolvent-verifier --bench scaling [-- --planner NAME] [--quick]
 //!
 //! Each line is one program through the code of `evolvent plan`; the time is processor time of interpreting
-//! and planning, the least of three runs; `reading` is the interpreter's part of it, measured alone. An
-//! exponent is that of cost over blocks between a line and the one before it: 1 is linear.
+//! and planning, the minimum of three runs; `reading` is the interpreter's part of it, measured alone. The
+//! exponent is that of the cost as a function of the number of blocks, between a line and the previous one: 1
+//! is linear.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a benchmark prints")]
 

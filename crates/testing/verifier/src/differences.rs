@@ -1,19 +1,21 @@
-//! Velocity, acceleration and jerk as differences of positions, against every axis's limits.
+//! Velocity, acceleration and jerk as differences of positions, compared with the limits of every axis.
 
 use evolvent_machine::Machine;
 use evolvent_path::{AXES, Axes};
 
-/// Ratios of one setpoint's differences to the limits, each the worst axis's.
+/// Ratios of one setpoint's differences to the limits, each for the worst axis.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Ratios {
     /// Velocity, acceleration, jerk: ratio and axis.
     pub(crate) orders: [(f64, usize); 3],
-    /// Change of acceleration over three periods against what jerk allows in them and the joint time. A step
-    /// needs two periods to show in second differences, and three wherever it falls between them.
+    /// Change of acceleration over three periods, relative to the change that the jerk limit permits in three
+    /// periods plus the joint time. A step takes two periods to appear in second differences, and three at
+    /// any phase.
     pub(crate) joint: (f64, usize),
-    /// Chord between the two setpoints in the middle of the last four against the curve through them, mm.
+    /// Distance between the chord of the middle two of the last four setpoints and the curve through them,
+    /// mm.
     pub(crate) chord_mm: f64,
-    /// How far beyond the travel, mm or degrees.
+    /// Distance beyond the travel, mm or degrees.
     pub(crate) beyond: (f64, usize),
 }
 
@@ -31,7 +33,7 @@ pub(crate) struct Differences {
 }
 
 impl Differences {
-    /// A machine that has been at rest at `start` for ever.
+    /// Starts with a machine that has been at rest at `start`.
     pub(crate) fn new(machine: &Machine, period_s: f64, start: Axes) -> Self {
         let limits = machine.limits();
         Self {
@@ -53,11 +55,10 @@ impl Differences {
         let t = self.period_s;
         for axis in 0..AXES {
             let [d, c, b, a] = [0, 1, 2, 3].map(|i: usize| self.last[i][axis]);
-            // In the order that loses least: differences of neighbours are exact or nearly so.
+            // This order rounds least: differences of neighbours are exact or nearly so.
             let (now, before, first) = (a - b, b - c, c - d);
             let differences = [now, now - before, (now - before) - (before - first)];
-            // A unit in the last place of the greatest position, once for each unit of the differences'
-            // weights.
+            // One unit in the last place of the largest position, for each unit of the differences' weights.
             let size = a.abs().max(b.abs()).max(c.abs()).max(d.abs());
             let rounding = f64::EPSILON * size;
             for order in 0..3 {
@@ -89,8 +90,8 @@ impl Differences {
         ratios
     }
 
-    /// The cubic through four positions, half way between the middle two, less the middle of their chord:
-    /// across it.
+    /// Chord error: the cubic through four positions, half-way between the middle two, minus the midpoint of
+    /// their chord, perpendicular to the chord.
     fn chord(&self) -> f64 {
         let [d, c, b, a] = [0, 1, 2, 3].map(|i: usize| self.last[i].fixed_rows::<3>(0).into_owned());
         let along = b - c;

@@ -1,13 +1,13 @@
-//! Following a motion along the programmed path, in its order, forwards only.
+//! Follows a motion along the programmed path, in its order, forwards only.
 //!
-//! The place kept is the earliest of the program, not before the last one, that lies within the tolerance of
-//! the motion's present point. If any reading of the motion as the program in its order exists, then one
-//! exists that goes on from the earliest place, so nothing has to be taken back. (It is the greedy decision
-//! of the Fréchet distance with one side free to jump.) A jump forward must not leave anything out: what is
-//! passed over has to lie within a few tolerances of the stretch driven meanwhile, or of what was driven
-//! while the place was about where it is: near one place the motion may go to and fro as often as the program
-//! does, and the earliest reading stays behind there. So the search ends where the program leaves that
-//! neighbourhood, and its cost is that of the blocks passed.
+//! The follower keeps a position on the program: the earliest one, not before the previous one, within the
+//! tolerance of the motion's present point. If the motion matches the program in its order at all, then it
+//! also matches from the earliest position on, so no backtracking is needed. (This is the greedy decision
+//! procedure of the Fréchet distance, with jumps on one side.) A jump forward must not leave anything out:
+//! the passed part must be within a few tolerances of the motion since the previous position, or of the
+//! motion while the program position was near its present value. The second case is needed where the program
+//! goes to and fro near one point: the motion does the same, and the earliest match lags there. The search
+//! ends where the program leaves this neighbourhood, so its cost is proportional to the blocks passed.
 
 use std::collections::VecDeque;
 
@@ -16,67 +16,67 @@ use evolvent_path::Axes;
 use crate::Route;
 use crate::measure::{distance, from_stretch, linear, rotary};
 
-/// How many tolerances what is passed over may lie off the motion: a corner of 120 degrees, cut within the
-/// tolerance of both sides, is 2 of them away.
+/// Maximum distance of a passed part from the motion, in tolerances: a corner of 120 degrees that is cut
+/// within the tolerance of both sides is 2 tolerances away.
 const NEIGHBOURHOOD: f64 = 4.0;
-/// Most points between two setpoints that are looked at.
+/// Maximum number of points examined between two setpoints.
 const MAX_POINTS: f64 = 64.0;
-/// Most points of the motion that are remembered about one place.
+/// Maximum number of points of the motion kept near one position.
 const MAX_TRAIL: usize = 1000;
-/// Most blocks that are searched after the motion has been lost.
+/// Maximum number of blocks searched after the motion was lost.
 const MAX_BLOCKS: usize = 4000;
-/// Places at which a curve is tried after the motion has been lost.
+/// Number of points tried on a curve after the motion was lost.
 const TRIES: usize = 64;
 
-/// A place on the route.
+/// A position on the route.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Place {
     block: usize,
     u: f64,
 }
 
-/// What following one setpoint found.
+/// Result of following one setpoint.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Found {
-    /// Distance to the program, mm (XYZ or UVW) and degrees (the worst rotary axis), less what is allowed
-    /// there in `ratio`.
+    /// Distance to the program, mm (XYZ or UVW) and degrees (the worst rotary axis).
     pub(crate) linear: f64,
     pub(crate) rotary: f64,
-    /// The greater of both over the tolerance there.
+    /// The larger of both, relative to the tolerance.
     pub(crate) ratio: f64,
-    /// The same for points on the chord from the setpoint before; over tolerance and chord error.
+    /// The same for points on the chord from the previous setpoint, relative to tolerance plus chord error.
     pub(crate) between: f64,
     pub(crate) between_ratio: f64,
-    /// The block nearest.
+    /// The nearest block.
     pub(crate) block: usize,
-    /// The first and the last block that may be meant.
+    /// The first and the last block that may be in execution.
     pub(crate) first: usize,
     pub(crate) last: usize,
     /// The program cannot be followed to here in its order.
     pub(crate) lost: bool,
 }
 
-/// What is known in the end.
+/// Results at the end of the motion.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Coverage {
-    /// Ends of blocks: greatest distance from the motion, mm or degrees, and where.
+    /// Ends of blocks: maximum distance from the motion, mm or degrees, and the block.
     pub(crate) farthest: (f64, usize),
-    /// Blocks whose end the motion did not come near.
+    /// Number of blocks whose end the motion did not approach.
     pub(crate) missed: usize,
     /// The first of them.
     pub(crate) first_missed: Option<usize>,
-    /// Places of rest: greatest distance from the nearest setpoint, and where.
+    /// Points of rest: maximum distance from the nearest setpoint, and the block.
     pub(crate) rest: (f64, usize),
 }
 
 #[derive(Clone, Debug)]
 pub(crate) struct Follower<'a> {
     route: &'a Route,
-    /// Chord error that is permitted, mm.
+    /// Permitted chord error, mm.
     chord_mm: f64,
     at: Place,
     last: Axes,
-    /// Where the motion was while the place kept was about where it is now, with the place then.
+    /// Points of the motion while the program position was near its present value, each with the program
+    /// position.
     trail: VecDeque<(Axes, Axes)>,
     /// Distances of block ends to the motion (chords; setpoints alone), from `done` on.
     ends: VecDeque<(f64, f64)>,
@@ -98,14 +98,14 @@ impl<'a> Follower<'a> {
         }
     }
 
-    /// The next setpoint. The route must have blocks.
+    /// Follows the next setpoint. The route must have blocks.
     pub(crate) fn follow(&mut self, position: &Axes) -> Found {
         let from = self.last;
         self.last = *position;
         let first = self.at.block;
         let step = distance(&from, position);
         let mut found = Found::default();
-        // On a line that both ends of the chord belong to there is nothing in between.
+        // If both ends of the chord are on one line, no points in between are needed.
         let here = &self.route.blocks[self.at.block];
         let same = here.piece.is_straight() && {
             let place = self.at;
@@ -149,7 +149,7 @@ impl<'a> Follower<'a> {
         found
     }
 
-    /// The motion has ended where it is: whatever of the program is not near has been left out.
+    /// Ends the motion: the rest of the program counts as left out unless it is near.
     pub(crate) fn finish(mut self) -> Coverage {
         let blocks = self.route.blocks.len();
         let here = self.last;
@@ -163,8 +163,8 @@ impl<'a> Follower<'a> {
         self.coverage
     }
 
-    /// Whether all that is left of the program from `place` on lies about the motion's last point: a loop
-    /// that was never driven ends where the motion does, but does not stay there.
+    /// Whether the rest of the program from `place` on stays near the motion's last point. A loop that was
+    /// not driven ends at that point too, but does not stay near it.
     fn ends_here(&self, mut place: Place) -> bool {
         while let Some(block) = self.route.blocks.get(place.block) {
             let within = self.within(place.block);
@@ -196,23 +196,23 @@ impl<'a> Follower<'a> {
             .max(EXACT)
     }
 
-    /// Within what distance a point between setpoints counts as on the block. Wider than what is allowed, so
-    /// that a motion that is a little off is found to be off, not lost.
+    /// Distance within which a point counts as on the block. Wider than the tolerance, so that a motion with
+    /// a small deviation is judged as a deviation and not as lost.
     fn within(&self, block: usize) -> f64 {
         1.05 * self.tolerance(block) + 4.0 * self.chord_mm
     }
 
-    /// The same about a block's end, whose corner belongs to the next block too.
+    /// The same near the end of a block, whose corner also belongs to the next block.
     fn within_corner(&self, block: usize) -> f64 {
         let next = (block + 1).min(self.route.blocks.len() - 1);
         self.within(block).max(self.within(next))
     }
 
-    /// The earliest place from `place` on that lies near `point`, if all that is passed over lies near the
-    /// stretch to it.
+    /// Finds the earliest position from `place` on that is near `point`, if everything passed is near the
+    /// motion.
     fn search(&self, before: &Axes, point: &Axes, mut place: Place) -> Option<Place> {
-        // The place begins so far behind: where the tolerance becomes finer at once, that is no leaving of
-        // the path.
+        // The position lags by up to this distance: if the tolerance decreases abruptly, this lag is not a
+        // deviation.
         let behind = self.within(place.block);
         loop {
             let block = &self.route.blocks[place.block];
@@ -230,8 +230,7 @@ impl<'a> Follower<'a> {
                 if place.u >= block.length {
                     break;
                 }
-                // Nothing nearer than this can be near enough, because no place moves faster than its
-                // parameter.
+                // No closer position can be near enough, because no point moves faster than its parameter.
                 place.u = (place.u + (away - within).max(within / 64.0)).min(block.length);
             }
             if place.block + 1 == self.route.blocks.len() {
@@ -244,12 +243,12 @@ impl<'a> Follower<'a> {
         }
     }
 
-    /// Whether the motion was so near while the place was about where it is.
+    /// Whether the motion was this near while the program position was near its present value.
     fn was_near(&self, there: &Axes, near: f64) -> bool {
         (self.trail.iter()).any(|(motion, _)| distance(there, motion) <= near)
     }
 
-    /// Goes on to `point`; `false` if the program does not lead there.
+    /// Advances to `point`. Returns `false` if the program does not lead there.
     fn advance(&mut self, before: &Axes, point: &Axes) -> bool {
         let found = self.search(before, point, self.at);
         let place = found.unwrap_or_else(|| self.recover(point));
@@ -267,8 +266,9 @@ impl<'a> Follower<'a> {
         found.is_some()
     }
 
-    /// The nearest place ahead, for a motion that has left the path: at most so far ahead as it is away. One
-    /// farther on counts only if it is a good deal nearer: where turns lie on one another, the first of them.
+    /// Finds the nearest position ahead for a motion that has left the path: at most as far ahead as the
+    /// motion is away. A later position counts only if it is significantly nearer: of overlapping turns the
+    /// first one is taken.
     fn recover(&self, point: &Axes) -> Place {
         let off = |place: Place| distance(point, &self.route.blocks[place.block].piece.point(place.u));
         let away = off(self.at);
@@ -300,9 +300,9 @@ impl<'a> Follower<'a> {
         best
     }
 
-    /// The nearest place from the present one on, as far as the path stays about `point`: block, gap, last
-    /// block looked at. After a reversal the present place lags a tolerance behind it while the motion is a
-    /// tolerance past it.
+    /// Finds the nearest position from the present one on, as far as the path stays near `point`. Returns the
+    /// block, the gap, and the last block examined. After a reversal the present position lags by a tolerance
+    /// while the motion leads by a tolerance.
     fn nearest(&self, point: &Axes, lost: bool) -> (usize, Axes, usize) {
         let mut index = self.at.block;
         let mut from = self.at.u;
@@ -330,9 +330,9 @@ impl<'a> Follower<'a> {
         (best.1, point - place, index)
     }
 
-    /// The nearest place of a curve from `from` on, as far as it stays within `near` of the point: parameter
-    /// and distance. An arc smaller than the tolerance comes near a point twice, and only the first time lies
-    /// next to `from`.
+    /// Finds the nearest point of a curve from `from` on, as far as it stays within `near` of the point.
+    /// Returns its parameter and distance. An arc smaller than the tolerance is near a point twice, and only
+    /// the first time adjoins `from`.
     fn nearest_around(
         &self,
         point: &Axes,
@@ -355,20 +355,20 @@ impl<'a> Follower<'a> {
             if u >= block.length {
                 break;
             }
-            // No place moves faster than its parameter, so nothing nearer than the best lies in between.
+            // No point moves faster than its parameter, so nothing in between is nearer than the best one.
             u = (u + (off - best.1).max(finest)).min(block.length);
         }
         let refined = block.piece.nearest(point, best.0);
         if refined.1 < best.1 { refined } else { best }
     }
 
-    /// Notes how near the stretch comes to the ends of blocks that are being passed or lie ahead.
+    /// Records the distance of the motion from the ends of blocks that are being passed or are ahead.
     fn see(&mut self, before: &Axes, point: &Axes, is_setpoint: bool) {
         let passed = self.at.block;
         for index in self.done..self.route.blocks.len() {
             let block = &self.route.blocks[index];
             let off = from_stretch(&block.end, before, point);
-            // The place may lag by the tolerance of its block, also where the next ones are finer.
+            // The position may lag by the tolerance of its block, even if the next ones are finer.
             let within = self.within_corner(index).max(self.within(passed));
             if index >= passed && off > 2.0 * NEIGHBOURHOOD * within {
                 break;
@@ -384,7 +384,7 @@ impl<'a> Follower<'a> {
         }
     }
 
-    /// Nothing more will be seen of the ends before `block`.
+    /// Completes the ends before `block`.
     fn settle(&mut self, block: usize) {
         while self.done < block {
             let end = &self.route.blocks[self.done];
@@ -407,5 +407,5 @@ impl<'a> Follower<'a> {
     }
 }
 
-/// What exact-path mode may be off, mm or degrees.
+/// Permitted deviation in exact-path mode, mm or degrees.
 const EXACT: f64 = 1e-6;

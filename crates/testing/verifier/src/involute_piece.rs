@@ -1,4 +1,4 @@
-//! An involute: what the end of a taut thread draws as it unwinds from a circle.
+//! An involute: the curve of the end of a taut thread that unwinds from a circle.
 
 use evolvent_path::{Axes, Involute, Sense};
 
@@ -20,7 +20,7 @@ pub(crate) struct InvolutePiece {
     roll: f64,
     /// In-plane length.
     planar: f64,
-    /// What the programmed end is off the curve, spread over its length.
+    /// Deviation of the programmed end from the curve, distributed over its length.
     gap: [f64; 2],
     inward: bool,
     length: f64,

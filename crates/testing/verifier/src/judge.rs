@@ -7,12 +7,12 @@ use crate::differences::Differences;
 use crate::follower::Follower;
 use crate::{Route, Verdict};
 
-/// For how many setpoints after a joint the third difference holds its step.
+/// Number of setpoints after a joint for which the third difference contains its step.
 const JOINT_SETPOINTS: u64 = 4;
 
 /// Judges one motion, setpoint by setpoint.
 ///
-/// Time and memory a setpoint do not depend on the length of the program.
+/// Time and memory per setpoint do not depend on the length of the program.
 #[derive(Clone, Debug)]
 pub struct Judge<'a> {
     route: &'a Route,
@@ -20,19 +20,19 @@ pub struct Judge<'a> {
     differences: Differences,
     jerk: Axes,
     period_s: f64,
-    /// How far from a rest that lies between two setpoints the nearer one may be.
+    /// Maximum distance of the nearest setpoint from a rest between two setpoints.
     rest_mm: f64,
     chord_mm: f64,
     /// The block nearest to the last setpoint.
     block: usize,
     last: Axes,
-    /// The last setpoint before which a joint was passed.
+    /// The last setpoint after a joint.
     joint: Option<u64>,
     verdict: Verdict,
 }
 
 impl<'a> Judge<'a> {
-    /// A machine at rest at the route's start; the first setpoint is one period later.
+    /// Starts with a machine at rest at the route's start; the first setpoint is one period later.
     #[must_use]
     pub fn new(machine: &Machine, period_ns: u64, route: &'a Route) -> Self {
         let period_s = period_ns as f64 * 1e-9;
@@ -60,7 +60,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// The next setpoint: where the axes are, mm and degrees. Nothing else is asked.
+    /// Judges the next setpoint: the positions of the axes, mm and degrees.
     pub fn sample(&mut self, position: &Axes) {
         let setpoint = self.verdict.setpoints;
         self.verdict.setpoints += 1;
@@ -79,12 +79,12 @@ impl<'a> Judge<'a> {
         self.last = *position;
     }
 
-    /// The motion is over, and the axes stay where they are.
+    /// Ends the motion; the axes keep their positions.
     #[must_use]
     pub fn finish(mut self) -> Verdict {
         let last = self.last;
         let setpoint = self.verdict.setpoints;
-        // A motion that just breaks off is one that stops dead.
+        // A motion that ends abruptly counts as a stop in zero time.
         for _ in 0..3 {
             self.differences(&last, setpoint);
         }
@@ -102,7 +102,8 @@ impl<'a> Judge<'a> {
         self.verdict
     }
 
-    /// How much farther the first setpoint is from the start than jerk takes an axis in a period.
+    /// Distance of the first setpoint from the start, minus the distance that the jerk limit permits in one
+    /// period.
     fn start_off(&self, position: &Axes) -> f64 {
         let far = self.jerk * (self.period_s * self.period_s * self.period_s);
         (position - self.route.start())
@@ -130,7 +131,7 @@ impl<'a> Judge<'a> {
         if about.iter().all(|block| block.metric == metric) {
             let step = (position - self.last).fixed_rows::<3>(metric.first_axis()).norm();
             let most = about.iter().fold(0.0_f64, |most, block| most.max(block.feed));
-            // What rounding of positions makes of a speed.
+            // Error of a speed from the rounding of positions.
             let noise = 8.0 * f64::EPSILON * position.amax();
             let ratio = (step - noise).max(0.0) / (self.period_s * most);
             verdict.feed.see(ratio, setpoint, line, 0);

@@ -8,21 +8,21 @@
 //!   machine ───────────┘  limits of every axis, chord error, travel
 //! ```
 //!
-//! A [`Judge`] is fed positions, one a control period, and nothing else: whatever a planner says of its own
-//! speed, block or error does not count. Velocity, acceleration and jerk are differences of the positions.
-//! The way along the program is found by following: for each position, and for points on the chord to it, the
-//! *earliest* point of the program not before the last one that lies within the tolerance. Taking the
-//! earliest loses nothing (whoever can go on from a later point can go on from an earlier one), so if
-//! following fails there is no way to read the motion as the program in its order. What is passed over has to
-//! lie close to the motion as well: nothing is left out.
+//! A [`Judge`] receives positions, one per control period, and nothing else; the planner's own speed, block
+//! or error is not used. Velocity, acceleration and jerk are differences of the positions. The judge follows
+//! the program: for each position, and for points on the chord to it, it takes the *earliest* point of the
+//! program within the tolerance that is not before the previous one. Taking the earliest point loses nothing,
+//! because a motion that can continue from a later point can also continue from an earlier one. So if
+//! following fails, the motion does not match the program in its order. Passed parts of the program must be
+//! close to the motion as well, so that nothing is left out.
 //!
-//! A [`Verdict`] holds the worst of every kind with its place; [`Verdict::violations`] names what is not
-//! allowed.
+//! A [`Verdict`] has the worst value of every kind with its position; [`Verdict::violations`] lists the
+//! violations.
 //!
-//! Curves are evaluated here once more from their geometry. Nothing of the planner is used, so that one
-//! mistake is not made twice. [`suite`] writes the programs on which planners are compared.
+//! Curves are evaluated independently from their geometry, without any code of the planner, so that a mistake
+//! there is not repeated here. [`suite`] writes the programs on which planners are compared.
 //!
-//! Nothing here is for the real-time cycle.
+//! Nothing in this crate is for the real-time cycle.
 
 #![expect(
     clippy::neg_cmp_op_on_partial_ord,

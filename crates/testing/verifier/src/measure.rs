@@ -1,24 +1,25 @@
-//! How far apart two places of nine axes are.
+//! Distances between positions of nine axes.
 
 use evolvent_path::Axes;
 
-/// Distance in XYZ and distance in UVW, whichever is greater, in mm.
+/// The greater of the distances in XYZ and in UVW, mm.
 pub(crate) fn linear(gap: &Axes) -> f64 {
     norm(gap[0], gap[1], gap[2]).max(norm(gap[6], gap[7], gap[8]))
 }
 
-/// The greatest angle by which a rotary axis is off, in degrees.
+/// The greatest difference of a rotary axis, degrees.
 pub(crate) fn rotary(gap: &Axes) -> f64 {
     gap[3].abs().max(gap[4].abs()).max(gap[5].abs())
 }
 
-/// What a tolerance is compared with: mm of XYZ, mm of UVW and degrees of each rotary axis alike.
+/// The distance that is compared with tolerances: the greatest of mm in XYZ, mm in UVW and degrees of each
+/// rotary axis.
 pub(crate) fn distance(a: &Axes, b: &Axes) -> f64 {
     let gap = a - b;
     linear(&gap).max(rotary(&gap))
 }
 
-/// Distance of a point from a straight stretch.
+/// Distance of a point from a line segment.
 pub(crate) fn from_stretch(point: &Axes, from: &Axes, to: &Axes) -> f64 {
     let along = to - from;
     let square = along.dot(&along);

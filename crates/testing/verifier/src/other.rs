@@ -1,10 +1,10 @@
-//! A curve of another kind: evaluated as its own crate does, because its definition is its parametrisation.
+//! A curve of another kind, evaluated by its own crate because it is defined by its parametrisation.
 
 use evolvent_path::{Axes, Curve};
 
 use crate::measure::{linear, rotary};
 
-/// Any curve by its regular parameter, stretched so that no place moves farther than the parameter does.
+/// Any curve by its regular parameter, scaled so that no point moves faster than the parameter.
 #[derive(Clone, Debug)]
 pub(crate) struct Other {
     curve: Curve,

@@ -8,8 +8,8 @@ use crate::other::Other;
 use crate::round::Round;
 use crate::straight::Straight;
 
-/// A curve by a parameter from 0 to [`length`](Self::length), by which no place moves faster than the
-/// parameter: the distance to any fixed place changes by at most as much as the parameter does.
+/// A curve by a parameter from 0 to [`length`](Self::length). No point moves faster than the parameter: the
+/// distance to any fixed point changes by at most the change of the parameter.
 #[derive(Clone, Debug)]
 pub(crate) enum Piece {
     Straight(Straight),
@@ -52,7 +52,7 @@ impl Piece {
         }
     }
 
-    /// Derivative of the place by the parameter.
+    /// Derivative of the position by the parameter.
     pub(crate) fn tangent(&self, u: f64) -> Axes {
         match self {
             Self::Straight(piece) => piece.tangent(),
@@ -62,7 +62,8 @@ impl Piece {
         }
     }
 
-    /// The place nearest to `point` in the neighbourhood of `from`, not before it: parameter and distance.
+    /// Finds the point nearest to `point` in the neighbourhood of `from`, not before it. Returns its
+    /// parameter and distance.
     pub(crate) fn nearest(&self, point: &Axes, from: f64) -> (f64, f64) {
         let start = (from, distance(point, &self.point(from)));
         let foot = match self {
@@ -78,7 +79,7 @@ impl Piece {
         }
     }
 
-    /// The foot of the perpendicular by all axes together, by Gauss's and Newton's method.
+    /// The foot of the perpendicular in all axes together, by the Gauss-Newton method.
     fn foot(&self, point: &Axes, from: f64) -> f64 {
         let mut u = from;
         for _ in 0..12 {
@@ -98,14 +99,13 @@ impl Piece {
         u
     }
 
-    /// Whether only XYZ moves: then the nearest by all axes together is the nearest in the sense of
+    /// Whether only XYZ moves: then the nearest point in all axes together is also the nearest in terms of
     /// tolerances.
     fn moves_in_one_group(&self, u: f64) -> bool {
         self.tangent(u).rows(3, 6).iter().all(|rate| *rate == 0.0)
     }
 
-    /// Where several groups of axes move, the greatest of their distances at its smallest, by golden
-    /// sections.
+    /// Minimizes the greatest distance of several groups of axes, by golden-section search.
     fn balance(&self, point: &Axes, from: f64, best: (f64, f64)) -> (f64, f64) {
         let ratio = 0.618_033_988_749_894_9;
         let reach = 10.0 * best.1 + 1e-9;

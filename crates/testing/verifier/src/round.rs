@@ -1,4 +1,4 @@
-//! An arc or a helix, whose radius may change evenly.
+//! An arc or a helix, whose radius may change linearly.
 
 use evolvent_path::{Arc, Axes};
 
@@ -31,7 +31,7 @@ impl Round {
         let mut others = along;
         others[first] = drift;
         others[second] = radius.max(radius + drift) * sweep;
-        // The largest speed of any group of axes, so that no place moves farther than the parameter does.
+        // The largest distance of any group of axes, so that no point moves faster than the parameter.
         let length = linear(&others).max(rotary(&others));
         Self {
             axes: [first, second],

@@ -11,28 +11,28 @@ use crate::block::Block;
 use crate::measure::distance;
 use crate::piece::Piece;
 
-/// Two directions that differ by less than this, per unit length, are one: what rounded programs call
-/// tangent.
+/// Directions that differ by less than this, per unit length, count as tangent, as in programs with rounded
+/// coordinates.
 const TANGENT: f64 = 0.02;
-/// Where a move starts elsewhere than the last one ended, by more than this, mm or degrees.
+/// Maximum distance between the end of a move and the start of the next, mm or degrees.
 const GAP: f64 = 1e-9;
 
-/// Why there is no route.
+/// Errors of reading a route.
 #[derive(Debug, Error)]
 pub enum RouteError {
-    /// The program is wrong.
+    /// The program has an error.
     #[error("line {}: {}; correct the program first", .diagnostic.line, .diagnostic.message)]
     Program {
-        /// What and where.
+        /// The message and its position.
         diagnostic: Box<Diagnostic>,
     },
-    /// The way is not in the program.
+    /// The path is not in the program.
     #[error("line {line}: the passes of this cycle are found from the cutting load, not programmed")]
     Finds {
         /// Program line.
         line: u32,
     },
-    /// What follows may depend on the value of an input.
+    /// The following blocks may depend on the value of an input.
     #[error("line {line}: what follows depends on an input (M66)")]
     ReadsInput {
         /// Program line.
@@ -44,7 +44,7 @@ pub enum RouteError {
         /// Program line.
         line: u32,
     },
-    /// A move starts elsewhere than where the one before ended.
+    /// A move does not start at the end of the previous one.
     #[error(
         "line {line}: the move starts {distance} mm or degrees from where the last one ended; report this \
          program"
@@ -52,12 +52,12 @@ pub enum RouteError {
     Gap {
         /// Program line.
         line: u32,
-        /// How far.
+        /// Distance between them, mm or degrees.
         distance: f64,
     },
 }
 
-/// All blocks of a program in their order, and where the machine stands before the first.
+/// All blocks of a program in order, and the position of the machine before the first.
 #[derive(Clone, Debug)]
 pub struct Route {
     start: Axes,
@@ -65,11 +65,11 @@ pub struct Route {
 }
 
 impl Route {
-    /// Reads a program as the machine would: `settings` say where it stands and what holds before the first
+    /// Reads a program as the machine would. `settings` contains its position and modes before the first
     /// line.
     ///
     /// # Errors
-    /// [`RouteError`] for the first line that is wrong.
+    /// [`RouteError`] for the first wrong line.
     pub fn read(input: impl BufRead, settings: Settings, machine: &Machine) -> Result<Self, RouteError> {
         let start = settings.start;
         Self::of(Interpreter::new(input, settings), start, machine)
@@ -78,7 +78,7 @@ impl Route {
     /// Reads the commands of a program that begins at `start`.
     ///
     /// # Errors
-    /// [`RouteError`] for the first that is wrong.
+    /// [`RouteError`] for the first wrong command.
     pub fn of(
         commands: impl IntoIterator<Item = Result<Command, Diagnostic>>,
         start: Axes,
@@ -107,7 +107,7 @@ impl Route {
                     synchronised: true, ..
                 }
                 | Action::Overrides { cycle: None, .. } => {}
-                // Where a probing move ends the machine says.
+                // The end of a probing move is known only on the machine.
                 Action::WaitInput { .. } | Action::Probe { .. } => {
                     return Err(RouteError::ReadsInput { line: command.line });
                 }
@@ -116,7 +116,7 @@ impl Route {
                 }
                 Action::ProgramEnd => break,
                 Action::Turning(_) => return Err(RouteError::Finds { line: command.line }),
-                // Whatever else there is takes effect at rest.
+                // All other actions take effect at rest.
                 _ => route.rest(),
             }
         }
@@ -131,19 +131,19 @@ impl Route {
         &self.blocks
     }
 
-    /// Where the machine stands before the first block.
+    /// Position of the machine before the first block.
     #[must_use]
     pub fn start(&self) -> Axes {
         self.start
     }
 
-    /// Where the machine has to be at the end.
+    /// Required position of the machine at the end.
     #[must_use]
     pub fn end(&self) -> Axes {
         self.blocks.last().map_or(self.start, |block| block.end)
     }
 
-    /// Programmed length in the feed metric, mm (degrees of blocks in which only rotary axes move).
+    /// Programmed length in the feed metric, mm (degrees for blocks in which only rotary axes move).
     #[must_use]
     pub fn length_mm(&self) -> f64 {
         self.blocks.iter().map(|block| block.path_length).sum()
@@ -165,7 +165,7 @@ impl Route {
             }
         };
         let middle = piece.tangent(0.5 * length);
-        // A move that moves nothing is none.
+        // A move without any motion is skipped.
         if let (Some(metric), true) = (FeedMetric::of(&middle), length > 0.0) {
             self.blocks.push(Block {
                 end: motion.curve.end(),

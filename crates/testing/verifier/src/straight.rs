@@ -34,7 +34,7 @@ impl Straight {
         self.along / self.length
     }
 
-    /// The place nearest to `point` by all axes together.
+    /// Parameter of the point nearest to `point`, in all axes together.
     pub(crate) fn nearest(&self, point: &Axes) -> f64 {
         let square = self.along.dot(&self.along);
         (point - self.start).dot(&self.along) / square * self.length

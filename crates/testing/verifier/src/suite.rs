@@ -1,10 +1,10 @@
-//! Programs on which planners are compared, written for this project.
+//! Programs for comparing planners, written for this project.
 //!
-//! Every program is one of the classes on which planners differ: dense chains of chords, folds, noise,
-//! reliefs, arcs in chains, corners, moves smaller than the tolerance, tangent joints, helices, involutes.
-//! Path mode is `G64 P0.02 Q0` throughout. Where the direction matters there is a copy turned by 30 and by 45
-//! degrees, because the limits of the axes do not turn. Nothing is random but by seeds written here: the same
-//! bytes everywhere.
+//! Every program belongs to a class in which planners differ: dense chains of chords, folds, noise, reliefs,
+//! arcs in chains, corners, moves smaller than the tolerance, tangent joints, helices, involutes. Path mode
+//! is `G64 P0.02 Q0` throughout. If the direction matters, there are copies rotated by 30 and 45 degrees,
+//! because the limits of the axes do not rotate. Random values have fixed seeds, so that the programs are the
+//! same everywhere.
 
 mod butterfly;
 mod chains;
@@ -30,7 +30,8 @@ const ROTATIONS: [u32; 3] = [0, 30, 45];
 /// Draws a program with a pen.
 type Draw = fn(&mut Pen);
 
-/// The standing bench, in the order of its tables. Some 100 000 blocks in all; not for the cycle.
+/// The programs of the standing benchmark, in the order of its tables. About 100 000 blocks in total; not for
+/// the cycle.
 #[must_use]
 pub fn suite() -> Vec<Program> {
     let turned: [(&str, Draw); 9] = [
@@ -73,7 +74,7 @@ pub fn suite() -> Vec<Program> {
     programs
 }
 
-/// The butterfly in a number of chords, for tables of how cost grows.
+/// The butterfly in a number of chords, for tables of the growth of cost.
 #[must_use]
 pub fn butterfly_program(chords: usize) -> Program {
     Program {

@@ -1,20 +1,20 @@
-//! What the judge found.
+//! Results of the judge.
 
 use std::fmt;
 
 use evolvent_path::AxisLetter;
 use serde::Serialize;
 
-/// The worst of one kind, and where.
+/// The worst value of one kind, and its position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Worst {
-    /// The value: a ratio to what is allowed, or mm or degrees where its field says so.
+    /// The value: a ratio to the permitted value, or mm or degrees if the field says so.
     pub value: f64,
     /// Setpoint, from 0.
     pub setpoint: u64,
     /// Program line.
     pub line: u32,
-    /// Index of the axis in X Y Z A B C U V W, where one axis is meant.
+    /// Index of the axis in X Y Z A B C U V W, if the value is of one axis.
     pub axis: usize,
 }
 
@@ -31,64 +31,66 @@ impl Worst {
     }
 }
 
-/// The worst of everything over a whole motion.
+/// The worst values over a whole motion.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Verdict {
-    /// Setpoints seen.
+    /// Number of setpoints.
     pub setpoints: u64,
-    /// Their time, s.
+    /// Duration of the setpoints, s.
     pub duration_s: f64,
-    /// Blocks of the program.
+    /// Number of blocks of the program.
     pub blocks: usize,
-    /// Programmed length, mm (degrees where only rotary axes move).
+    /// Programmed length, mm (degrees if only rotary axes move).
     pub path_mm: f64,
-    /// First, second and third differences against each axis's limits: ratios.
+    /// First difference of the positions relative to the axis's limit; `acceleration` and `jerk` are the
+    /// second and third.
     pub velocity: Worst,
     /// See `velocity`.
     pub acceleration: Worst,
     /// See `velocity`; away from joints of exact-path mode.
     pub jerk: Worst,
-    /// At tangent joints of exact-path mode, where curvature steps: change of acceleration over a period
-    /// against jerk times the machine's joint time and the period.
+    /// At tangent joints of exact-path mode with a step in curvature: change of acceleration over three
+    /// periods, relative to the jerk limit times the sum of the machine's joint time and three periods.
     pub joint: Worst,
     /// Distance of setpoints from the program, mm of XYZ or UVW.
     pub deviation_mm: Worst,
     /// Distance of setpoints from the program, degrees of the worst rotary axis.
     pub deviation_deg: Worst,
-    /// The same over the tolerance there.
+    /// The same relative to the tolerance.
     pub deviation: Worst,
     /// Distance of points on the chords between setpoints from the program, mm or degrees.
     pub between_mm: Worst,
-    /// The same over tolerance and permitted chord error together.
+    /// The same relative to the sum of tolerance and permitted chord error.
     pub between: Worst,
-    /// Chords against the curve through the setpoints, over the permitted chord error.
+    /// Chord error between setpoints, relative to the permitted one.
     pub chord: Worst,
-    /// Speed over the greatest feed of the blocks about the setpoint.
+    /// Speed relative to the greatest feed of the blocks near the setpoint.
     pub feed: Worst,
-    /// Beyond the travel of an axis, mm or degrees.
+    /// Distance beyond the travel of an axis, mm or degrees.
     pub travel: Worst,
-    /// Setpoints at which the program could not be followed in its order.
+    /// Number of setpoints at which the program could not be followed in its order.
     pub lost: u64,
-    /// The first of them, and the line that was looked for.
+    /// The first of them, and the expected line.
     pub first_lost: Option<(u64, u32)>,
-    /// Setpoints that are no numbers.
+    /// Setpoints that are not finite numbers.
     pub unreadable: u64,
-    /// Blocks whose end the motion did not come near, or that it did not finish.
+    /// Number of blocks whose end the motion did not approach, or that it did not finish.
     pub missed: usize,
     /// Line of the first of them.
     pub first_missed: Option<u32>,
-    /// Greatest distance of the end of a block from the motion, mm or degrees: what corners are cut by.
+    /// Maximum distance of the end of a block from the motion, mm or degrees: the amount by which corners are
+    /// cut.
     pub reverse: Worst,
-    /// Distance of the nearest setpoint from places where the program rests, mm or degrees.
+    /// Distance of the nearest setpoint from points of rest of the program, mm or degrees.
     pub rest: Worst,
     /// Distance of the last setpoint from the program's end, mm or degrees.
     pub end: f64,
-    /// Distance of the first setpoint from the program's start, less one period at the greatest jerk, mm or
-    /// degrees.
+    /// Distance of the first setpoint from the program's start, minus the distance of one period at the
+    /// maximum jerk, mm or degrees.
     pub start: f64,
 }
 
-/// What may be exceeded, and by how much.
+/// Permitted ratios and distances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Allowances {
     /// Ratio of velocity to its limit.
@@ -99,7 +101,7 @@ pub struct Allowances {
     pub jerk: f64,
     /// Ratio of the deviation to the tolerance.
     pub deviation: f64,
-    /// Ratio of the chord error to what is permitted.
+    /// Ratio of the chord error to the permitted one.
     pub chord: f64,
     /// Ratio of the speed to the programmed feed.
     pub feed: f64,
@@ -108,9 +110,9 @@ pub struct Allowances {
 }
 
 impl Default for Allowances {
-    /// 0.1 % of velocity and acceleration, 2 % of jerk (third differences of a motion with jerk just at its
-    /// limit), none of the tolerance, 1 % of the chord error (read from a cubic), 0.1 % of the feed, a
-    /// nanometre of place.
+    /// Excess of 0.1 % in velocity and acceleration, 2 % in jerk (third differences of a motion with jerk at
+    /// its limit), none in tolerance, 1 % in chord error (computed with a cubic), 0.1 % in feed, and a
+    /// nanometre in position.
     fn default() -> Self {
         Self {
             velocity: 1.001,
@@ -124,7 +126,7 @@ impl Default for Allowances {
     }
 }
 
-/// What can be wrong with a motion.
+/// Kinds of violations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
@@ -132,9 +134,9 @@ pub enum Kind {
     Velocity,
     /// An axis accelerates too much.
     Acceleration,
-    /// An axis jerks too much.
+    /// An axis exceeds its jerk limit.
     Jerk,
-    /// A step of curvature is taken too fast.
+    /// A step in curvature is passed too fast.
     Joint,
     /// Setpoints are too far from the program.
     Deviation,
@@ -142,36 +144,36 @@ pub enum Kind {
     Between,
     /// Chords are too far from the curve through the setpoints.
     Chord,
-    /// Faster than the feed word.
+    /// The motion is faster than the feed word.
     Feed,
-    /// Beyond an axis's travel.
+    /// An axis is beyond its travel.
     Travel,
-    /// Not the program's order.
+    /// The motion does not follow the program's order.
     Order,
     /// Parts of the program were left out.
     Missed,
-    /// A place of rest was not reached.
+    /// A point of rest was not reached.
     Rest,
-    /// The start is elsewhere.
+    /// The motion starts elsewhere.
     Start,
-    /// The end is elsewhere.
+    /// The motion ends elsewhere.
     End,
-    /// Setpoints that are no numbers.
+    /// Setpoints that are not finite numbers.
     Unreadable,
 }
 
-/// One thing that is not allowed.
+/// A violation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Violation {
-    /// What.
+    /// Kind of the violation.
     pub kind: Kind,
-    /// How much: the ratio to what is allowed, mm or degrees, or a count.
+    /// Value: the ratio to the permitted value, mm or degrees, or a count.
     pub value: f64,
-    /// Program line, 0 where none is meant.
+    /// Program line, 0 if not applicable.
     pub line: u32,
     /// Setpoint, from 0.
     pub setpoint: u64,
-    /// The axis, where one is meant.
+    /// The axis, if the violation is of one axis.
     pub axis: Option<char>,
 }
 
@@ -218,12 +220,12 @@ impl fmt::Display for Violation {
 }
 
 impl Verdict {
-    /// Everything that is not allowed, in the order of [`Kind`].
+    /// All violations, in the order of [`Kind`].
     #[must_use]
     pub fn violations(&self, allow: &Allowances) -> Vec<Violation> {
         let mut list = Vec::new();
         let mut compare = |kind, worst: &Worst, most: f64, one_axis: bool| {
-            // Written so that NaN is a violation.
+            // Negated so that NaN is a violation.
             if !(worst.value <= most) {
                 list.push(Violation {
                     kind,

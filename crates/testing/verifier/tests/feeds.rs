@@ -10,7 +10,7 @@ use evolvent_verifier::Allowances;
 
 use crate::rates::trial::{root, setup, trial};
 
-/// Runs a program on a shipped machine; nothing may be wrong with its motion. Returns how long it takes, s.
+/// Runs a program on a shipped machine and asserts that there is no violation. Returns the duration, s.
 fn keeps_everything(machine: &str, text: &str) -> f64 {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("feeds.ngc");
@@ -24,7 +24,7 @@ fn keeps_everything(machine: &str, text: &str) -> f64 {
     trial.verdict.duration_s
 }
 
-/// Way and time of a change of speed in the shortest time along one axis, mm and s.
+/// Distance and duration of a time-optimal change of speed along one axis, mm and s.
 fn change(limits: &Limits, axis: usize, from: f64, to: f64) -> (f64, f64) {
     let (acceleration, jerk) = (limits.acceleration[axis], limits.jerk[axis]);
     let change = (to - from).abs();
@@ -36,7 +36,7 @@ fn change(limits: &Limits, axis: usize, from: f64, to: f64) -> (f64, f64) {
     (0.5 * (from + to) * seconds, seconds)
 }
 
-/// Along a line the speed changes in the faster block and in no longer time than the limits take.
+/// Along a line the speed changes within the faster block, and as fast as the limits permit.
 #[test]
 fn a_slow_block_on_a_line_does_not_slow_the_next() {
     let mut random = Random::seeded(0x57EF_0001);
@@ -67,7 +67,7 @@ fn a_slow_block_on_a_line_does_not_slow_the_next() {
         let (way, last) = change(&limits, axis, before, 0.0);
         shortest += last - way / before;
         let seconds = keeps_everything(name, &(text.clone() + "M2\n"));
-        // What the intervals cost: half as much again, and 10 ms where a change is short.
+        // Cost of the intervals: half of the duration, and 10 ms for a short change.
         let most = shortest + slack + 0.01 + 0.5 * last;
         assert!(seconds <= most, "{seconds} s, shortest {shortest} s\n{text}");
         assert!(
@@ -77,7 +77,7 @@ fn a_slow_block_on_a_line_does_not_slow_the_next() {
     }
 }
 
-/// Moves along lines that go on, turn or turn back, rapids among feeds of every size.
+/// Moves along lines that continue, turn or reverse, with rapids among feeds of every size.
 fn program(random: &mut Random) -> String {
     let tolerance = random.one_of(&[0.01, 0.05, 0.2, 1.0, 5.0]);
     let mut text = format!("G21 G90 G17 G54 G64 P{tolerance}\nF200\n");
@@ -130,7 +130,7 @@ fn the_feed_of_a_rotary_axis_holds_beside_linear_moves() {
     }
 }
 
-/// Correct motions whose tolerance changes at a corner, or whose rest lies between two setpoints.
+/// Correct motions whose tolerance changes at a corner, or whose rest is between two setpoints.
 #[test]
 fn a_change_of_tolerance_is_not_called_a_deviation() {
     for text in [
@@ -142,8 +142,8 @@ fn a_change_of_tolerance_is_not_called_a_deviation() {
     }
 }
 
-/// Arcs of a radius below the tolerance: the path may cross to where the arc comes back, and is near it
-/// there.
+/// Arcs with a radius below the tolerance: the path may cross to the returning part of the arc, which is
+/// near.
 #[test]
 fn a_small_arc_may_be_cut_short() {
     for text in [

@@ -1,4 +1,4 @@
-//! The checker of positions, all in one executable.
+//! Tests of the judge of positions, in one executable.
 
 mod common;
 

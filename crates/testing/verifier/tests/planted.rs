@@ -1,5 +1,4 @@
-//! Violations of every kind, planted into motions that are right without them, are found; and nothing else
-//! is.
+//! Violations of every kind, planted into correct motions, are found, and nothing else.
 
 use evolvent_path::AxisLetter;
 use evolvent_random::{Random, seed};
@@ -59,12 +58,13 @@ fn curves(rate_hz: f64) -> Motion {
 
 #[test]
 fn a_sudden_tight_tolerance_on_a_line_is_no_deviation() {
-    // The place that is kept lags by the tolerance; in the exact block behind, that is many of its own.
+    // The program position lags by the tolerance, which is many times the tolerance of the exact block after
+    // it.
     let program = "G21 G90 G64 P0.02 F12000\nG1 X1\nG61\nG1 X2\nG1 X30\nM2\n";
     let motion = Motion::new(1000.0).to(xyz(30.0, 0.0, 0.0), 1.5);
     let (found, verdict) = found(program, &motion);
     assert!(found.is_empty(), "{found:?} {verdict:?}");
-    // Off by more than exact mode allows is found behind it as before.
+    // A deviation beyond exact mode's tolerance is still found after it.
     let mut off = motion;
     off.setpoints
         .iter_mut()
@@ -94,7 +94,7 @@ fn valid_motion_on_every_curve_has_no_fault() {
 
 #[test]
 fn differences_of_a_polynomial_are_its_derivatives() {
-    // 25 mm in 0.35 s, against the peaks of the polynomial.
+    // 25 mm in 0.35 s, compared with the peaks of the polynomial.
     let motion = Motion::new(35_000.0).to(xyz(25.0, 0.0, 0.0), 0.35);
     let seconds = motion.setpoints.len() as f64 * motion.period_ns as f64 * 1e-9;
     let (_, verdict) = found("G21 G61 G0 X25\nM2\n", &motion);
@@ -248,7 +248,7 @@ fn a_skipped_spike_is_found() {
     let (kinds, verdict) = found(program, &motion);
     assert!(verdict.deviation_mm.value < 1e-9);
     assert!(kinds.contains(&Kind::Missed), "{kinds:?}");
-    // Along the way as well: out and back on the same line.
+    // The same along the path: out and back on one line.
     let program = "G21 G64 P0.02 G90 F12000\nG1 X10\nG1 X9\nG1 X20\nM2\n";
     let (kinds, _) = found(program, &motion);
     assert!(kinds.contains(&Kind::Order), "{kinds:?}");
@@ -286,7 +286,7 @@ fn unprogrammed_reversals_are_distinguished() {
             motion.to(xyz(9.94, 0.0, 0.0), 0.05).to(xyz(9.96, 0.0, 0.0), 0.05)
         })
         .to(xyz(0.0, 0.0, 0.0), 0.4);
-    // Every tip is passed at two tolerances.
+    // Every tip is missed by two tolerances.
     assert_eq!(found(&program(9.9, 10.0), &motion).0, []);
     // At twelve.
     let (kinds, _) = found(&program(9.7, 10.2), &motion);
@@ -406,7 +406,7 @@ fn a_dwell_without_a_stop_is_found() {
     };
     assert_eq!(found(program, &legs(0.0, 0.1)).0, []);
     assert_eq!(found(program, &legs(0.03, 0.1)).0, [Kind::Rest]);
-    // Over the place, but without a setpoint on it.
+    // Passes the point of rest, but without a setpoint on it.
     let straight = "G21 G64 P0.02 G90 F12000\nG1 X10\nG4 P0.1\nG1 X23\nM2\n";
     let motion = Motion::new(1000.0).to(xyz(23.0, 0.0, 0.0), 0.4);
     assert_eq!(found(straight, &motion).0, [Kind::Rest]);
@@ -569,7 +569,7 @@ fn the_deviation_matches_an_exhaustive_search() {
     let mut random = Random::from_state(seed(0x5eed_0007) | 1);
     let mut unit = || random.unit();
     for case in 0..20 {
-        // Always on to the right, so that the nearest of all lies on the way.
+        // Always to the right, so that the nearest point is on the way ahead.
         let mut corners = vec![[0.0, 0.0]];
         let (mut x, mut y) = (0.0, 0.0);
         for _ in 0..60 {

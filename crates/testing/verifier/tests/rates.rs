@@ -1,4 +1,4 @@
-//! What the daemon drives is judged, at every control rate.
+//! Judges the motion of the daemon at every control rate.
 
 #[expect(dead_code, reason = "shared with the benchmarks")]
 #[path = "../benches/support/trial.rs"]
@@ -39,7 +39,7 @@ fn programs_of_every_class_pass_at_every_rate() {
             let violations = trial.verdict.violations(&Allowances::default());
             assert!(violations.is_empty(), "{name}: {violations:?}");
             assert_eq!(trial.verdict.setpoints, trial.summary.cycles, "{name}");
-            // The cycle's own gauges say the same.
+            // The cycle's own gauges agree.
             let gauge = |list: &[f64]| list.iter().copied().fold(0.0, f64::max);
             for (judged, gauge) in [
                 (trial.verdict.velocity.value, gauge(&trial.summary.velocity_ratio)),

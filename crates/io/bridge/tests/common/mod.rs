@@ -3,7 +3,7 @@
 use evolvent_bridge::Hardware;
 use evolvent_path::{AxisLetter, AxisMask};
 
-/// Three axes and no signals; it opens a UDP socket where it says so.
+/// Three axes and no signals; it opens a UDP socket if `UDP` is set.
 pub(crate) struct Bench<const UDP: bool>;
 
 impl<const UDP: bool> Hardware for Bench<UDP> {

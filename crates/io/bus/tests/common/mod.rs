@@ -1,4 +1,4 @@
-//! A domain of its own for each test, and proof that nothing of it is left behind.
+//! A private domain for each test, with a check that nothing of it is left behind.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_bus::{BusConfig, ClientBus, ClientConfig, bus_folders, remove_private_domain};
@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 
 pub(crate) const PERIOD_NS: u64 = 1_000_000;
 
-/// How long they may take to end that nobody waits for: a busy host may need that.
+/// Time limit for processes to end that no test waits for: a busy host may need that.
 const ENDING: Duration = Duration::from_secs(20);
 
-/// A prefix that nobody else uses; cleared away at the end of the test.
+/// A unique prefix; its domain is removed at the end of the test.
 pub(crate) struct PrivateDomain {
     pub(crate) prefix: String,
 }
@@ -50,7 +50,7 @@ impl PrivateDomain {
         let mut found = Vec::new();
         let ours = bus_folders(Some(&self.prefix)).expect("the bus's folders");
         let mut folders = vec![PathBuf::from("/dev/shm")];
-        // One may lie in shared memory itself.
+        // A folder may be in shared memory itself.
         folders.extend(
             ours.into_iter()
                 .map(|(folder, _)| folder)

@@ -64,7 +64,7 @@ impl Shaft {
         let pulse = (high - self.index_at).floor() + self.index_at;
         self.encoder.read(self.raw(self.turns), self.time_ns);
         if self.has_index && self.encoder.has_pulse() && pulse > low && pulse <= high {
-            // The count that the shaft is in behind the edge.
+            // The count of the shaft just after the edge.
             let behind = pulse + (self.turns - before).signum() * 1e-6;
             self.encoder.latch(self.raw(behind));
             self.first_pulse.get_or_insert(pulse);

@@ -66,8 +66,7 @@ fn search_at_5_mm_s() -> HomingOnDrive {
     }
 }
 
-/// A drive whose counter goes back to 0 as it finds its zero, some periods before it reports that it has
-/// homed.
+/// The counter of a drive returns to 0 at its zero, some periods before the drive reports that it has homed.
 #[test]
 fn the_step_to_the_zero_that_the_drive_found_is_no_motion() {
     let (period_s, max_velocity) = (1e-3, 400.0);
@@ -109,8 +108,8 @@ fn the_step_to_the_zero_that_the_drive_found_is_no_motion() {
     assert_eq!(axis.velocity(), 500_000.0);
 }
 
-/// 20 lost frames, in which the counter has gone back to 0: 4 mm, which the axis could move at its largest
-/// velocity, and not at the 5 mm/s of the search.
+/// 20 lost frames, in which the counter has gone back to 0: 4 mm, which the axis could move at its maximum
+/// velocity, but not at the 5 mm/s of the search.
 #[test]
 fn the_step_to_the_zero_is_no_motion_after_lost_frames_either() {
     let mut homed = axis(false);
@@ -125,7 +124,7 @@ fn the_step_to_the_zero_is_no_motion_after_lost_frames_either() {
     let before = (homed.position(), homed.velocity(), homed.moved());
     homed.take(at(0), 21e-3, 400.0);
     assert_eq!((homed.position(), homed.velocity(), homed.moved()), before);
-    // The motion of the search over as long is one.
+    // A motion at the speed of the search over the same time is one.
     homed.take(at(-21), 21e-3, 400.0);
     assert!((homed.velocity() + 5.0).abs() < 1e-9, "{}", homed.velocity());
 }
@@ -148,7 +147,7 @@ fn the_target_is_the_actual_position_until_operation_is_enabled() {
     }
 }
 
-/// The core has taken the power at rest of its own ramp; that of the drive (6085h) is longer.
+/// The core has removed power at the end of its own ramp; the ramp of the drive (6085h) is longer.
 #[test]
 fn power_off_leaves_a_drive_its_quick_stop_until_its_position_stands() {
     let mut axis = axis(false);

@@ -21,7 +21,7 @@ fn axes_of(network: &mut Network) -> impl Iterator<Item = &mut NetworkAxis> {
     devices.filter_map(|device| device.axis.as_mut())
 }
 
-/// Homing by the drive, at this place of the sequence.
+/// Homing by the drive, with this order in the sequence.
 fn homing_on_drive(order: u32) -> Option<HomingOnDrive> {
     Some(HomingOnDrive {
         method: 18,
@@ -39,8 +39,8 @@ fn drives_of(machine: &Machine, network: &Network, starts: &Starts) -> DriveSet 
     DriveSet::new(machine, network, PERIOD_NS, 1, starts).expect("settings")
 }
 
-/// At 300 mm/s, with a sample of each period, after four lost frames, and after ten periods in which the
-/// bridge was suspended.
+/// At 300 mm/s, with a sample in each period, after four lost frames, and after a suspension of the bridge
+/// for ten periods.
 #[test]
 fn the_velocity_after_lost_frames_is_that_of_the_time_between_the_samples() {
     let (machine, network) = mill_with("");
@@ -77,7 +77,7 @@ fn a_drive_that_is_homed_begins_at_zero_and_keeps_its_place_over_sessions() {
     };
     for (homing, begins, comes_back, after_reset) in [
         (homing, 0.0, 10.0, 0.0),
-        // Nothing would tell that it is not where its counter says.
+        // Nothing shows that its counter is not valid.
         ("", 2500.0, 2510.0, 5.0),
     ] {
         let (machine, network) = mill_with(homing);
@@ -92,12 +92,12 @@ fn a_drive_that_is_homed_begins_at_zero_and_keeps_its_place_over_sessions() {
         second.take(8_000_000, 0, DriveInputs::default());
         second.take(9_000_000, 0, turns(502.0));
         assert!((second.axes()[0].position() - comes_back).abs() < 1e-6);
-        // Without voltage meanwhile: the counter has begun again. Only a homed axis may begin at zero.
+        // Without voltage meanwhile: the counter has restarted. Only a homed axis may begin at zero.
         let mut third = session();
         third.take(19_000_000, 0, turns(1.0));
         let position = third.axes()[0].position();
         assert!((position - after_reset).abs() < 1e-6, "{position}");
-        // That is its place from then on.
+        // That is its coordinate from then on.
         let mut fourth = session();
         fourth.take(29_000_000, 0, turns(3.0));
         let position = fourth.axes()[0].position();
@@ -145,7 +145,7 @@ impl Bench {
         self.setpoint.power_request = power.number();
     }
 
-    /// Periods with a core, or without. Returns the outputs of the last.
+    /// Runs periods with or without a core. Returns the outputs of the last.
     fn run(&mut self, periods: u32, has_core: bool) -> Vec<DriveOutputs> {
         let mut outputs = Vec::new();
         for _ in 0..periods {
@@ -209,8 +209,7 @@ fn faults_are_reset_for_a_core_that_asks_for_it_and_for_no_other() {
     assert!(!is_in_fault(&bench));
 }
 
-/// A vertical axis, whose position loop has to carry it: one increment further down in each period if its
-/// target goes with it.
+/// A vertical axis, held by its position loop: it sinks by one increment per period if its target follows it.
 #[test]
 fn a_drive_that_waits_for_the_others_holds_its_place() {
     let mut bench = Bench::new(false);
@@ -224,7 +223,7 @@ fn a_drive_that_waits_for_the_others_holds_its_place() {
         bench.position[0] -= 1;
         assert_eq!(bench.run(1, true)[0].target, 1000);
     }
-    // The others come, and the core's setpoints are where it was: no step.
+    // The others come into operation, and the core's setpoints are at its position: no step.
     bench.ready[1] = true;
     bench.setpoint.position = bench.drives.feedback(bench.now_ns).expect("feedback").position;
     bench.setpoint.position[0] += 500.0 * 5.0 / 1_048_576.0;
@@ -244,7 +243,7 @@ fn a_drive_that_waits_for_the_others_holds_its_place() {
     }
 }
 
-/// A probe at two drives, whose first contact bounces: one drive is armed again in time to count it.
+/// A probe at two drives, whose first contact bounces: one drive is armed again in time to count the bounce.
 #[test]
 fn a_bounce_that_one_drive_counts_leaves_the_other_in_the_next_touches() {
     let (machine, mut network) = mill_with("");
@@ -275,7 +274,7 @@ fn a_bounce_that_one_drive_counts_leaves_the_other_in_the_next_touches() {
             seen.push((reading.trips, reading.latched_mask, increments.round() as i32));
         }
     }
-    // The second drive that takes part is Y.
+    // The second of these drives is Y.
     assert_eq!(
         seen,
         [(1, 0b11, 10), (1, 0b11, 10), (2, 0b11, 500), (3, 0b11, 900)]
@@ -300,7 +299,7 @@ fn drives_that_home_stop_when_the_core_has_gone_and_no_other_begins() {
         assert!(outputs.iter().all(|outputs| outputs.mode != HOMING_MODE));
         assert!(bench.machines.iter().all(|machine| !machine.has_torque()));
     }
-    // The same core, that was only late: power comes back after off.
+    // The same core was only late: power returns after off.
     let outputs = bench.run(50, true);
     assert!(outputs.iter().all(|outputs| outputs.mode != HOMING_MODE));
     bench.request(PowerRequest::Off);
@@ -338,7 +337,7 @@ fn a_drive_that_has_homed_counts_from_there_in_the_next_session_too() {
     assert_eq!(first.axes()[0].homing(), HomingProgress::Done);
     assert!((first.axes()[0].position() + 5.0).abs() < 1e-9);
     let mut second = session();
-    // A turn of 5 mm from where it has homed.
+    // A turn of 5 mm from its homed position.
     second.take(90_000_000, 0, at(1 << 20, DriveState::SwitchOnDisabled.code()));
     let position = second.axes()[0].position();
     assert!(position.abs() < 1e-9, "{position}");

@@ -184,7 +184,7 @@ impl AxisFile {
 }
 
 impl AxisFile {
-    /// The touch probe for the zero impulse, which nothing else may use.
+    /// Checks the touch probe for the zero impulse, which must have no other use.
     fn check_index_probe(
         &self,
         sheet: &ConfigDocument<'_>,

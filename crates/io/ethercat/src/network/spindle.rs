@@ -86,7 +86,7 @@ impl NetworkSpindle {
         }
     }
 
-    /// Whether its angle is known once its zero impulse has come.
+    /// Whether its angle is known after its zero impulse.
     #[must_use]
     pub fn knows_angle(&self) -> bool {
         self.encoder.index != SpindleIndex::None

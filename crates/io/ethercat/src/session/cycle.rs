@@ -31,7 +31,7 @@ pub(super) struct Exchanged {
     pub(super) working_counter: u16,
     /// Bit i set: device i is in OP.
     pub(super) operational: u32,
-    /// The reference's time, of its register.
+    /// The reference's time, as read from its register.
     pub(super) time_ns: Option<u64>,
 }
 
@@ -140,7 +140,7 @@ impl<'m> Cycle<'_, 'm> {
     }
 
     /// Reports of the recording, and of the clocks. Reads the system time difference of a device if one is
-    /// due, in the time that is left until the next cycle.
+    /// due, in the time left until the next cycle.
     fn observe_clocks(&self, pump: &mut Pump<'_, '_>, next_ns: u64, ends: &mut Ends<'_, '_>) {
         if !self.operational {
             return;
@@ -152,7 +152,7 @@ impl<'m> Cycle<'_, 'm> {
         if let Some(figures) = ends.clocks.first_report(now_ns) {
             let _full = ends.bus.notices.push(Notice::Clocks { figures });
         }
-        // A quarter of the period is enough for a frame, and another one is left to be asleep in time for the
+        // A quarter of the period is enough for a frame, and another quarter is left to be asleep before the
         // next cycle.
         let until_ns = next_ns.saturating_sub(self.period_ns / 4);
         if now_ns + self.period_ns / 4 > until_ns {
@@ -172,8 +172,8 @@ impl<'m> Cycle<'_, 'm> {
 
     /// The time of an angle whose frame is due at `now_ns`. Drives with clocks sample at SYNC0, half a period
     /// before the frame, and are at a target one and a half periods after it: half until SYNC0, one of
-    /// interpolation. Without clocks they sample as the frame comes and interpolate for a period. A thread
-    /// needs the angle at which the axes are where their setpoint of that time has them.
+    /// interpolation. Without clocks they sample at the arrival of the frame and interpolate for a period.
+    /// Threading needs the angle at the time at which the axes are at their setpoint.
     const fn sampled_ns(&self, now_ns: u64) -> u64 {
         let periods = if matches!(self.devices, Devices::Clocked(_)) {
             2
@@ -237,7 +237,7 @@ impl<'m> Cycle<'_, 'm> {
         Ok(expected)
     }
 
-    /// One period; returns by how many ns the next one is shorter, to follow the reference clock.
+    /// Runs one period. Returns the reduction of the next period to follow the reference clock, ns.
     fn cycle(
         &mut self,
         pump: &mut Pump<'_, '_>,
@@ -311,8 +311,8 @@ impl<'m> Cycle<'_, 'm> {
         if is_last && !is_whole && exchanged.operational & all == all {
             self.silent = self.find_silent(pump).map_err(internal)?;
         }
-        // If a device is missing, the inputs of the others are valid; if none is, it is unknown whose are
-        // not.
+        // If a device is missing, the inputs of the others are valid; if none is missing, it is unknown whose
+        // inputs are invalid.
         let lost = !exchanged.operational & all | self.silent;
         let is_known = |device: usize| is_whole || lost != 0 && lost >> device & 1 == 0;
         for (axis, (device, _)) in axes.enumerate() {
@@ -374,9 +374,9 @@ impl<'m> Cycle<'_, 'm> {
         Ok(phase_ns / PHASE_GAIN)
     }
 
-    /// Devices that do not exchange process data: the inputs of each are read by a frame of their own, and,
-    /// if all are there, the outputs written by another. Takes one round trip for each device, once: the
-    /// drives are about to stop.
+    /// Finds devices that do not exchange process data: reads the inputs of each with a separate frame and,
+    /// if all reply, writes the outputs with another. Takes one round trip per device, once: the drives are
+    /// about to stop.
     fn find_silent(&self, pump: &mut Pump<'_, '_>) -> Result<u32, Error> {
         let (mut inputs, mut outputs) = ([0; MAX_DEVICES], [0; MAX_DEVICES]);
         for device in 0..self.network.devices.len() {
@@ -450,7 +450,8 @@ impl<'m> Cycle<'_, 'm> {
                 let _full = ends.bus.notices.push(Notice::Short { found, expected });
             }
         }
-        // If all report OP and each exchanges process data by itself, it is unknown whose data are missing.
+        // If all report OP and each exchanges process data individually, it is unknown whose data are
+        // missing.
         let is_unknown = exchanged.operational & all == all && self.silent == 0;
         let (mut axis, mut spindle) = (0, 0);
         for (device, listed) in self.network.devices.iter().enumerate() {
@@ -514,8 +515,8 @@ impl<'m> Cycle<'_, 'm> {
         }
     }
 
-    /// Frames pass the reference half a period after SYNC0, which comes at whole periods of the system time:
-    /// by how much one was late.
+    /// Delay of a frame, ns. Frames pass the reference half a period after SYNC0, which occurs at whole
+    /// periods of the system time.
     const fn phase_ns(&self, time_ns: u64) -> i64 {
         let half = self.period_ns / 2;
         let phase = (time_ns.wrapping_sub(half)) % self.period_ns;

@@ -1,4 +1,4 @@
-//! Why a session ended, and what it has to say meanwhile.
+//! Reasons for the end of a session, and its notices.
 
 use evolvent_drive::{GantryFault, InterpolationError, SettingsError};
 use thiserror::Error;
@@ -11,7 +11,7 @@ use crate::spindle_drive::SpindleNotice;
 /// Why a session did not start, or why it ended.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SessionError {
-    /// Nobody answers.
+    /// No device replies.
     #[error("no device replies: check cable, interface and supply")]
     NoDevices,
     /// The number of devices differs from the file.
@@ -32,7 +32,7 @@ pub enum SessionError {
         position: usize,
         /// Name in the file.
         name: String,
-        /// Which number.
+        /// The number that differs.
         what: &'static str,
         /// On the wire.
         found: u32,
@@ -76,7 +76,7 @@ pub enum SessionError {
         /// Number of bits available.
         bits: usize,
     },
-    /// A drive cannot be given the period.
+    /// A drive cannot use the period.
     #[error(transparent)]
     Period(#[from] InterpolationError),
     /// A limit of the machine is invalid.
@@ -125,7 +125,7 @@ pub enum Notice {
     Operational { clocks: bool },
     /// The recording of the wire has lost something, or has ended.
     Recording(DumpTrouble),
-    /// What the clocks have shown since then.
+    /// Measurements of the clocks since then.
     Clocks { figures: ClockFigures },
     /// A drive is in fault.
     DriveFault { axis: usize, code: u16 },
@@ -133,7 +133,7 @@ pub enum Notice {
     Spindle { number: usize, notice: SpindleNotice },
     /// The drives of a gantry have to stop.
     Gantry { axis: usize, fault: GantryFault },
-    /// A gantry was homed by its switches, and its second drive was so far from square.
+    /// A gantry was homed by its switches, and its second drive was this far from square.
     Squared { axis: usize, by: f64 },
     /// A drive has found its machine zero, or has not.
     Homed { axis: usize, found: bool },

@@ -111,8 +111,7 @@ pub(super) async fn start<'m>(
             .configure_dc_sync(main, clocks)
             .await
             .map_err(failed("setting SYNC0 up"))?;
-        // The first device with a clock. SYNC0 comes at whole periods of this time, also after it has wrapped
-        // around.
+        // The first device with a clock. SYNC0 occurs at whole periods of this time, also after a wrap.
         let has_clock: Vec<bool> = (group.iter(main))
             .map(|device| device.dc_support().any())
             .collect();
@@ -148,9 +147,9 @@ async fn clock_of(main: &MainDevice<'_>, device: usize) -> Result<u64, Error> {
     .await
 }
 
-/// Lets SYNC0 of a device, whose period is set, begin when the reference's register shows `first_ns`. The
-/// MainDevice has started it by that register alone: behind a reference of 32 bits that is in the past of a
-/// clock of 64, and then SYNC0 never comes.
+/// Starts SYNC0 of a device, whose period is set, when the reference's register shows `first_ns`. The
+/// MainDevice has started it by that register alone: with a 32-bit reference this time is in the past of a
+/// 64-bit clock, and then SYNC0 never occurs.
 async fn begin_sync(main: &MainDevice<'_>, device: usize, first_ns: u64) -> Result<(), Error> {
     let write = |register: RegisterAddress| Command::fpwr(FIRST_STATION + device as u16, register.into());
     let start_ns = same_time(first_ns, clock_of(main, device).await?);
@@ -236,7 +235,7 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
         for (sub_index, value) in [(1, told.value), (2, told.index as u8)] {
             let written = self.subdevice.sdo_write(0x60C2, sub_index, value).await;
             match written {
-                // Drives that take the period from SYNC0 may not have it.
+                // Drives that take the period from SYNC0 may lack this object.
                 Ok(()) | Err(Error::Mailbox(MailboxError::Aborted { .. })) => {}
                 Err(error) => return Err(self.refused(0x60C2, sub_index, "written", error)),
             }

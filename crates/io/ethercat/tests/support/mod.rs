@@ -1,4 +1,4 @@
-//! The bridge of the shipped network, around a core that stands or moves X.
+//! The bridge of the shipped network, with a core that holds or moves X.
 
 #![expect(clippy::expect_used, reason = "a test")]
 #![allow(dead_code, reason = "each test takes its part")]
@@ -16,7 +16,7 @@ pub(crate) fn devices() -> Vec<SubDevice> {
     devices_of(DriveSettings::default())
 }
 
-/// The same with drives of other settings.
+/// The devices with other settings of the drives.
 pub(crate) fn devices_of(drives: DriveSettings) -> Vec<SubDevice> {
     let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
     devices.extend((2..5).map(|serial| SubDevice::drive(drives, serial, 10.0 * f64::from(serial))));
@@ -24,7 +24,7 @@ pub(crate) fn devices_of(drives: DriveSettings) -> Vec<SubDevice> {
     devices
 }
 
-/// Runs the bridge, with its messages, around a test.
+/// Runs the bridge, with its messages, during a test.
 pub(crate) fn with_bridge(
     edit: impl FnOnce(&mut Network),
     ring: &SharedRing,
@@ -33,7 +33,7 @@ pub(crate) fn with_bridge(
     with_settings(|settings| edit(&mut settings.network), ring, test)
 }
 
-/// The same with other settings of the bridge.
+/// Like [`with_bridge`], with other settings of the bridge.
 pub(crate) fn with_settings(
     edit: impl FnOnce(&mut RunSettings),
     ring: &SharedRing,

@@ -113,7 +113,7 @@ pub enum PlanError {
         what: &'static str,
         /// The time.
         time_ns: f64,
-        /// The longest.
+        /// The maximum.
         most_ns: f64,
     },
     /// The times, rounded up to clocks, do not permit the maximum velocity.
@@ -137,7 +137,7 @@ pub enum PlanError {
         /// Counts per period at the maximum speed.
         counts: f64,
     },
-    /// A counter of 16 bits may turn over before the session ends for lack of replies.
+    /// A 16-bit counter may wrap before the session ends for lack of replies.
     #[error(
         "{what} {unit} turns over in {longest_ms:.1} ms at 1.2 times the maximum speed, which is not seen \
          while max_lost_packets = {max_lost} replies are missing: {}",
@@ -148,9 +148,9 @@ pub enum PlanError {
         what: &'static str,
         /// Its number.
         unit: usize,
-        /// How long no reading may come.
+        /// Maximum time without a reading.
         longest_ms: f64,
-        /// Replies that may be missing in a row.
+        /// Maximum number of consecutive missing replies.
         max_lost: u32,
         /// Periods in that time.
         permitted: u32,

@@ -1,4 +1,4 @@
-//! Which pins of the board are driven and which are read, checked against what the firmware has at each.
+//! Driven and read pins of the board, checked against the firmware's function of each pin.
 
 use super::{MAX_PINS, PWM_DIRECTION, PWM_ENABLE, PWM_OUT, Plan, PlanError, grow, module};
 use crate::board_settings::{BoardSettings, Pin};
@@ -6,8 +6,8 @@ use crate::description::{Description, PinFunction, RELAY_REFERENCE, tag};
 use crate::field_pins::{InputPlace, OutputPlace, filter_place, output_place};
 
 impl Plan {
-    /// Uses all pins that the board file names, after the modules have theirs: outputs first, so that every
-    /// input is checked against everything that is driven.
+    /// Reserves all pins that the board file names, after those of the modules: outputs first, so that every
+    /// input is checked against all driven pins.
     pub(super) fn use_pins(
         &mut self,
         board: &Description,
@@ -60,7 +60,7 @@ impl Plan {
             return self.use_remote(remote, false, pin.pin);
         }
         let function = self.function(board, pin.pin)?;
-        // Behind the pins of these modules are transistors: nothing outside of the board can be read there.
+        // The pins of these modules drive transistors: no signal outside of the board can be read there.
         let is_output = matches!(function.tag, tag::RELAY | tag::SIMPLE_OUTPUT) && !function.is_input();
         if let (false, Some(by)) = (is_output, self.driver(pin.pin)) {
             let by = by.to_owned();
@@ -82,7 +82,7 @@ impl Plan {
         Ok(())
     }
 
-    /// What drives a pin.
+    /// The driver of a pin.
     fn driver(&self, pin: usize) -> Option<&str> {
         let found = self.drivers.iter().find(|(driven, _)| *driven == pin);
         found.map(|(_, by)| by.as_str())
@@ -106,9 +106,9 @@ impl Plan {
         }
         let function = self.function(board, pin.pin)?;
         let place = output_place(function);
-        // Two outputs that are connected damage each other: behind an input of the firmware is the output of
-        // a receiver or isolator. The outputs of modules that are not used are plain outputs; of isolated
-        // outputs only those that the bridge sets are.
+        // Two connected outputs damage each other: an input of the firmware is driven by a receiver or
+        // isolator. Outputs of unused modules may be used as plain outputs; isolated outputs only if the
+        // bridge sets them.
         let has_module = matches!(function.tag, tag::RELAY | tag::SIMPLE_OUTPUT);
         if function.is_input() || has_module && place.is_none() {
             return Err(PlanError::Function {

@@ -1,4 +1,4 @@
-//! A core that moves the router's X axis over the bus, and the bridge of a simulated board under it.
+//! A core that moves the router's X axis over the bus, and the bridge of a simulated board.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
@@ -10,10 +10,10 @@ use evolvent_mesa_board::{BoardModel, BoardServer};
 
 use super::{machine, router, serve};
 
-/// Steps a mm of X in the router's board file.
+/// Steps per mm of X in the router's board file.
 pub(crate) const STEPS: f64 = 320.0;
 
-/// Runs the bridge, with its messages, around a test.
+/// Runs the bridge, with its messages, during a test.
 pub(crate) fn with_bridge(
     edit: impl Fn(&mut BoardSettings),
     test: impl Fn(&mut TrialCore, &BoardServer, &Messages),
@@ -29,7 +29,7 @@ pub(crate) fn with_bridge_to(
     with_suspended_bridge_to(model, edit, &AtomicU64::new(0), test)
 }
 
-/// The same; the cycle of the bridge sleeps as many ms as `suspend_ms` says, once each time.
+/// Like [`with_bridge`]; each time that `suspend_ms` is set, the bridge's cycle sleeps once for this time.
 pub(crate) fn with_suspended_bridge_to(
     model: BoardModel,
     edit: impl Fn(&mut BoardSettings),

@@ -1,4 +1,4 @@
-//! A run made up by formula: what a reader must find is computed again, never stored.
+//! A synthetic run by formula: the expected data are computed again, not stored.
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,
@@ -24,7 +24,7 @@ pub const START_NS: u64 = 1_700_000_000_000_000_123;
 pub const PERIOD_NS: u64 = 1_000_003;
 pub const PROGRAM: &[u8] = b"G0 X0 Y0\nG1 X10 F600\nM2\n";
 
-/// A folder for a test, in memory where there is one: hundreds of synchronisations take their time.
+/// A folder for a test, in memory if possible: hundreds of synchronisations with a disk take long.
 pub fn folder() -> tempfile::TempDir {
     let memory = Path::new("/dev/shm");
     if memory.is_dir() {
@@ -39,7 +39,7 @@ thread_local! {
     static COLUMNS: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
 }
 
-/// Runs a test with each way of holding cycles: a message a cycle, and columns.
+/// Runs a test with each way of holding cycles: one message per cycle, and columns.
 pub fn both_ways(test: impl Fn()) {
     for columns in [false, true] {
         println!("columns: {columns}");
@@ -69,7 +69,7 @@ pub fn info(axes: &str) -> RunInfo {
     }
 }
 
-/// Cycle `n` of the made-up run; axes that are not in `axes` rest at zero, as a reader gives them back.
+/// Cycle `n` of the synthetic run; axes that are not in `axes` are zero, as a reader returns them.
 pub fn cycle(n: u64, axes: &str) -> CycleRecord {
     let phase = n as f64 * 1e-3;
     let of = |scale: f64| {
@@ -126,7 +126,7 @@ pub fn cycle(n: u64, axes: &str) -> CycleRecord {
     }
 }
 
-/// Smooth, with full mantissas, and the same everywhere.
+/// Smooth, with full mantissas, and identical on every machine.
 fn libm_like_sine(x: f64) -> f64 {
     let x = x % 2.0 - 1.0;
     x * (1.0 - x * x) * 2.598
@@ -156,7 +156,7 @@ pub fn block(n: u64) -> BlockRecord {
     }
 }
 
-/// Records cycles `0..cycles` with an event and a block each hundred, flushing each `flush_each`.
+/// Records cycles `0..cycles` with an event and a block every hundred cycles, and a flush every `flush_each`.
 pub fn record_into(recorder: &mut Recorder, cycles: u64, axes: &str, flush_each: u64) {
     recorder.log(START_NS, LogLevel::Info, "started").expect("log");
     for n in 0..cycles {
@@ -213,20 +213,20 @@ pub fn assert_same(found: &CycleRecord, wanted: &CycleRecord) {
     assert_eq!(bits(found), bits(wanted), "{found:?} is not {wanted:?}");
 }
 
-/// How a full disk behaves.
+/// Behaviour of a full disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Manners {
     /// Fails in advance, as a file system that allocates does.
     Foresees,
-    /// Writes what fits, then fails; what was written can be cut off.
+    /// Writes what fits, then fails; the file can be truncated.
     Truncates,
-    /// Writes what fits, then fails for ever.
+    /// Writes what fits, then always fails.
     Stubborn,
     /// Fails once, half way through what exceeds its size, and then has capacity again.
     Hiccups,
 }
 
-/// A disk in memory with a limited size. The bytes can be looked at after the recorder is gone.
+/// A disk in memory with a limited size. The bytes can be read after the recorder is dropped.
 #[derive(Clone)]
 pub struct SmallDisk {
     pub bytes: Arc<Mutex<Vec<u8>>>,

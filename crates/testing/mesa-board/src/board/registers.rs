@@ -1,4 +1,4 @@
-//! The registers of a board: what is at each address of its memory spaces.
+//! The registers of a board, by address in its memory spaces.
 
 use super::{Board, CLOCK_HIGH, CLOCK_LOW, COOKIE};
 use crate::encoder::Encoder;
@@ -210,7 +210,7 @@ impl Board {
         }
     }
 
-    /// A word of the spaces that are 16 bits wide.
+    /// Reads a word of the spaces that are 16 bits wide.
     fn read_word(&self, space: u8, address: u16) -> u16 {
         let index = usize::from(address) / 2;
         match space {

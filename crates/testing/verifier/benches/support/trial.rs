@@ -1,4 +1,4 @@
-//! One program through the code of `evolvent plan`, judged on the way.
+//! Runs one program through the code of `evolvent plan` and judges it.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -20,7 +20,7 @@ pub(crate) fn planner_of(name: &str) -> Result<PlannerKind, String> {
     }
 }
 
-/// What came of it.
+/// Result of a run.
 pub(crate) struct Trial {
     pub(crate) verdict: Verdict,
     pub(crate) summary: Summary,
@@ -78,7 +78,7 @@ impl RunObserver for Patience {
     fn note(&mut self, _: &str) {}
 }
 
-/// How long one program may take; it is then stopped, and its outcome says so.
+/// Time limit of one program; it is then stopped, and its outcome says so.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn cpu(clock: ClockId) -> f64 {
@@ -98,7 +98,7 @@ pub(crate) fn trial(program: &Path, setup: &Setup) -> Result<Trial, String> {
     let job = Job::new(program.to_owned(), setup.clone());
     let controls = Arc::new(Controls::new(1.0));
     let mut judge = Judge::new(&setup.machine, setup.period_ns, &route);
-    // The cycle's thread judges as well; what it used in all is known at its last setpoint.
+    // The cycle's thread also runs the judge; its total processor time is known at the last setpoint.
     let mut cycle_s = 0.0;
     let before = (cpu(ClockId::ProcessCPUTime), cpu(ClockId::ThreadCPUTime));
     let mut patience = Patience {

@@ -99,7 +99,7 @@ fn weight(index: usize) -> f64 {
 #[must_use]
 pub fn butterfly_point(t: f64) -> [f64; 2] {
     let t = t.clamp(0.0, 1.0);
-    // The knot interval: the last that begins at or before t, but never the empty ones at the end.
+    // The knot interval: the last non-empty one that begins at or before t.
     let mut span = 3;
     while span < POINTS.len() - 1 && knot(span + 1) <= t {
         span += 1;
@@ -124,7 +124,7 @@ pub fn butterfly_point(t: f64) -> [f64; 2] {
     [x / w, y / w]
 }
 
-/// In chords of equal steps of the parameter, at 12 000 mm/min, about the middle of the body.
+/// Draws the curve in chords of equal parameter steps, at 12 000 mm/min, centred on the middle of the body.
 pub(crate) fn butterfly(pen: &mut Pen, chords: usize) {
     pen.say(&format!("the butterfly in {chords} chords"));
     let place = |i: usize| {
@@ -142,7 +142,7 @@ pub(crate) fn butterfly(pen: &mut Pen, chords: usize) {
 mod tests {
     use super::*;
 
-    /// Cox's recursion, by the book.
+    /// The Cox-de Boor recursion, literally.
     fn basis(index: usize, degree: usize, t: f64) -> f64 {
         if degree == 0 {
             let inside = knot(index) <= t && t < knot(index + 1);
@@ -180,7 +180,7 @@ mod tests {
     fn the_butterfly_is_symmetric() {
         assert_eq!(butterfly_point(0.0), POINTS[0]);
         assert_eq!(butterfly_point(1.0), POINTS[50]);
-        // The figures are printed to a few digits, and the wings differ by as much.
+        // The published values have few digits, and the wings differ by as much.
         for i in 1..50 {
             let t = f64::from(i) / 100.0;
             let ([x, y], [mirror_x, mirror_y]) = (butterfly_point(t), butterfly_point(1.0 - t));

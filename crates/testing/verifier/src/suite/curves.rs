@@ -8,15 +8,15 @@ pub(crate) fn spiral(pen: &mut Pen) {
     pen.feed(24_000.0);
     let mut centre = [0.0, 0.0];
     for _ in 0..999 {
-        // The next centre lies on the line to the present point: the arcs are tangent, their radii step by a
-        // quarter of a per cent.
+        // The next centre is on the line to the present point: the arcs are tangent, and their radii grow in
+        // steps of 0.25 %.
         let arm = [pen.at[0] - centre[0], pen.at[1] - centre[1]];
         centre = [centre[0] - 0.0025 * arm[0], centre[1] - 0.0025 * arm[1]];
         pen.sweep(Turn::Left, centre, 45.0);
     }
 }
 
-/// Loops with rounded corners, one in the other.
+/// Nested loops with rounded corners.
 pub(crate) fn pocket(pen: &mut Pen) {
     pen.rapid([0.0, -0.5, 2.0]);
     pen.feed(900.0);
@@ -88,14 +88,14 @@ pub(crate) fn helices(pen: &mut Pen) {
     pen.rapid([0.0, 0.0, 5.0]);
 }
 
-/// A hole milled as its own crate's `bore` would: out along an involute from its base circle, once round, in
-/// again.
+/// A hole milled like that of `evolvent bore`: out along an involute from its base circle, one full turn, and
+/// in again.
 pub(crate) fn bore(pen: &mut Pen) {
     pen.feed(12_000.0);
     for (base, turns) in [(0.5, 6.0), (0.15, 10.25), (2.0, 1.5)] {
         let roll = std::f64::consts::TAU * turns;
         let (sin, cos) = libm::sincos(roll);
-        // The unwound thread's end, about the centre.
+        // The end of the unwound thread, relative to the centre.
         let out = [base * (cos + roll * sin), base * (sin - roll * cos)];
         pen.rapid([base, 0.0, 0.0]);
         pen.involute(Turn::Left, out, [0.0, 0.0], base);
@@ -106,7 +106,7 @@ pub(crate) fn bore(pen: &mut Pen) {
             ),
             [out[0], out[1], 0.0],
         );
-        // In along the involute of the other hand, so that the turning goes on.
+        // In along the mirrored involute, so that the rotation continues.
         let angle = libm::atan2(out[1], out[0]) + roll - libm::atan(roll);
         let (sin, cos) = libm::sincos(angle);
         pen.involute(Turn::Left, [base * cos, base * sin], [0.0, 0.0], base);

@@ -1,4 +1,4 @@
-//! Writes programs, turned about Z.
+//! Writes programs, rotated about Z.
 
 use std::fmt::Write as _;
 
@@ -31,12 +31,12 @@ pub(crate) struct Pen {
     text: String,
     sin: f64,
     cos: f64,
-    /// Where it is, before the rotation.
+    /// Present position, before the rotation.
     pub(crate) at: [f64; 3],
 }
 
 impl Pen {
-    /// The text of what `draw` draws, turned by so many degrees.
+    /// Returns the text of what `draw` draws, rotated by `degrees`.
     pub(crate) fn draw(degrees: f64, draw: impl FnOnce(&mut Self)) -> String {
         let (sin, cos) = libm::sincos(degrees.to_radians());
         let mut pen = Self {
@@ -88,13 +88,13 @@ impl Pen {
         self.to("G1", to);
     }
 
-    /// G1 by so much.
+    /// G1 by a relative step.
     pub(crate) fn by(&mut self, step: [f64; 3]) {
         let [x, y, z] = self.at;
         self.line([x + step[0], y + step[1], z + step[2]]);
     }
 
-    /// G2 or G3 in the XY plane; a full circle if it ends where it begins.
+    /// G2 or G3 in the XY plane; a full circle if the end equals the start.
     pub(crate) fn arc(&mut self, turn: Turn, to: [f64; 3], centre: [f64; 2]) {
         let [x, y, z] = to;
         let (tx, ty) = self.turned(x, y);
@@ -106,7 +106,7 @@ impl Pen {
         self.at = to;
     }
 
-    /// A quarter turn or any other from where the pen is, about a centre.
+    /// An arc by any angle from the present position, about a centre.
     pub(crate) fn sweep(&mut self, turn: Turn, centre: [f64; 2], degrees: f64) {
         let (sin, cos) = libm::sincos(turn.sign() * degrees.to_radians());
         let arm = [self.at[0] - centre[0], self.at[1] - centre[1]];
@@ -129,7 +129,7 @@ impl Pen {
         self.at = [to[0], to[1], self.at[2]];
     }
 
-    /// A line as it is, for what the pen has no word for; it does not turn and ends at `to`.
+    /// Writes a line unchanged, for words that the pen does not have; it is not rotated and ends at `to`.
     pub(crate) fn raw(&mut self, line: &str, to: [f64; 3]) {
         self.write(format_args!("{line}"));
         self.at = to;

@@ -7,11 +7,11 @@ use evolvent_machine::Machine;
 use evolvent_path::{Axes, AxisLetter};
 use evolvent_verifier::{Allowances, Judge, Kind, Route, Verdict};
 
-/// Largest velocity, acceleration and jerk of the share of the way over the share of the time: 140 (t -
-/// t^2)^3 and its derivatives.
+/// Maximum velocity, acceleration and jerk of the fraction of the distance as a function of the fraction of
+/// the time: 140 (t - t^2)^3 and its derivatives.
 pub(crate) const PEAKS: [f64; 3] = [35.0 / 16.0, 7.513_188_404_399_293, 52.5];
 
-/// Share of the way after a share of the time; speed, acceleration and jerk are zero at both ends.
+/// Fraction of the distance after a fraction of the time; speed, acceleration and jerk are zero at both ends.
 pub(crate) fn smooth(t: f64) -> f64 {
     t * t * t * t * (35.0 + t * (-84.0 + t * (70.0 - 20.0 * t)))
 }
@@ -69,14 +69,14 @@ impl Motion {
         }
     }
 
-    /// Along a curve given over the share of its length, in at least so many seconds.
+    /// Moves along a curve that is a function of the fraction of its length, in at least this many seconds.
     pub(crate) fn along(mut self, seconds: f64, place: impl Fn(f64) -> Axes) -> Self {
         let count = (seconds * 1e9 / self.period_ns as f64).ceil() as usize;
         for i in 1..=count {
             self.setpoints.push(place(smooth(i as f64 / count as f64)));
         }
         self.at = place(1.0);
-        // The last is exact where the curve is.
+        // The last setpoint is exact if the curve is.
         if let Some(last) = self.setpoints.last_mut() {
             *last = self.at;
         }
@@ -88,8 +88,8 @@ impl Motion {
         self.along(seconds, |x| if x < 1.0 { start + (end - start) * x } else { end })
     }
 
-    /// About a centre in the plane of two axes, so many degrees counter-clockwise from the first to the
-    /// second.
+    /// Moves about a centre in the plane of two axes, by an angle in degrees, counter-clockwise from the
+    /// first axis to the second.
     pub(crate) fn turn(
         self,
         plane: [usize; 2],
