@@ -241,7 +241,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_point_moved_off_an_involute_along_its_normal_is_at_that_distance() {
+    fn a_point_off_an_involute_is_at_its_normal_distance() {
         // The involute of the unit circle at a quarter turn: (pi/2, 1), heading for +Y.
         let involute = Piece::Involute {
             centre: [0.0; 2],

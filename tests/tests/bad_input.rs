@@ -74,7 +74,7 @@ fn errors(file: &Path, text: &[u8], setup: &Setup) -> Vec<Diagnostic> {
 }
 
 #[test]
-fn programs_cut_off_anywhere_are_refused_with_a_place_or_harmless() {
+fn truncated_programs_are_harmless_or_errors() {
     let (setup, workshop) = (setup(), Workshop::new());
     let file = workshop.path("cut.ngc");
     let mut refused = 0;
@@ -197,7 +197,7 @@ fn assert_runs_within_limits(file: &Path, setup: &Setup) -> &'static str {
 
 /// The printed seed reproduces the mutants of a failing run.
 #[test]
-fn mutated_programs_are_refused_with_a_place_or_run_within_limits() {
+fn mutated_programs_are_errors_or_keep_the_limits() {
     let mut random = Random::new();
     let (setup, workshop) = (setup(), Workshop::new());
     let file = workshop.path("mutant.ngc");
@@ -279,7 +279,7 @@ fn nonsense_is_refused_by_name() {
 
 /// Through the binary: exit code 1 if the program is wrong, and the position as `file:line:column`.
 #[test]
-fn the_binary_names_file_line_and_column_and_ends_with_1() {
+fn errors_name_file_line_and_column_with_exit_code_1() {
     let workshop = Workshop::new();
     let file = workshop.write("wrong.ngc", "G21 G90\nF600 G1 X10\n  G1 X20 Q3\nG1 X30\nM2\n");
     let path = file.display().to_string();
@@ -334,7 +334,7 @@ fn programs_that_cannot_be_read_are_wrong_usage() {
 
 /// Each change with the key that the error must name and its position in the file.
 #[test]
-fn machine_files_that_make_no_sense_are_refused_with_file_line_and_key() {
+fn invalid_machine_files_name_file_line_and_key() {
     let changes = [
         ("travel_max_mm = 400", "travel_max_mm = -401", "travel"),
         ("travel_max_mm = 400", "travel_max_mm = nan", "travel_max_mm"),
@@ -418,7 +418,7 @@ fn machine_files_that_make_no_sense_are_refused_with_file_line_and_key() {
 }
 
 #[test]
-fn a_run_on_a_machine_that_requires_drives_is_refused_because_it_does_not_watch_them() {
+fn run_rejects_a_machine_that_requires_drives() {
     let workshop = Workshop::new();
     let machine = workshop.mill(
         "requires-drives",

@@ -55,7 +55,7 @@ fn the_simulated_bridge_does_what_every_bridge_must() {
 
 /// The suite kills a bridge whose drives then come into fault.
 #[test]
-fn no_counter_of_a_new_core_resets_a_fault_of_the_simulated_drives() {
+fn a_new_core_counter_resets_no_fault_of_sim_drives() {
     let program = evolvent().get_program().to_string_lossy().into_owned();
     let command = "bridge sim --machine-name {name} --bus-prefix {prefix} --fault fault@0.3+0.05";
     unless_disturbed(|| {
@@ -72,7 +72,7 @@ fn no_counter_of_a_new_core_resets_a_fault_of_the_simulated_drives() {
 }
 
 #[test]
-fn so_does_the_bridge_within_a_process_which_only_cannot_be_killed() {
+fn the_bridge_in_process_passes_the_suite_but_kills() {
     let cases = hold_to_the_suite(&["--in-process"], &[]);
     assert_eq!(
         verdicts(&cases, "left out"),
@@ -121,7 +121,7 @@ fn each_example_is_shorter_than_60_lines() {
 /// The EtherCAT bridge in a process that is killed: without frames its drives are in fault (7500h) until the
 /// next core resets them. Needs the right to create a network namespace.
 #[test]
-fn the_ethercat_bridge_may_be_killed_and_so_may_its_core() {
+fn the_ethercat_bridge_and_its_core_may_be_killed() {
     let devices = || {
         let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
         devices.extend((2..5).map(|serial| SubDevice::drive(DriveSettings::default(), serial, 10.0)));
@@ -167,7 +167,7 @@ fn the_ethercat_bridge_may_be_killed_and_so_may_its_core() {
 
 /// A suite that ends must also end its bridge, which would otherwise keep the bus.
 #[test]
-fn a_signal_to_the_suite_ends_the_bridge_that_it_has_started() {
+fn a_signal_to_the_suite_ends_its_bridge() {
     let workshop = Workshop::new();
     let note = workshop.folder().join("bridge.pid");
     // The shell becomes the bridge, with the same process id.

@@ -37,7 +37,7 @@ fn found(list: &[(&str, u64)]) -> Vec<(String, u64)> {
 }
 
 #[test]
-fn what_the_machine_refuses_names_the_whole_chain_of_calls() {
+fn a_move_the_machine_rejects_names_the_call_chain() {
     let workshop = Workshop::new();
     let inner = workshop.write("inner.ngc", "o<inner> sub\nG0 X[#1]\no<inner> endsub\n");
     let _outer = workshop.write(
@@ -80,7 +80,7 @@ fn what_the_machine_refuses_names_the_whole_chain_of_calls() {
 }
 
 #[test]
-fn one_mistake_is_one_error_and_nothing_follows_from_it() {
+fn one_mistake_is_one_error() {
     let workshop = Workshop::new();
     for (text, expected) in [
         // The mode does not change: later lines use G97.
@@ -110,7 +110,7 @@ M2
 }
 
 #[test]
-fn what_the_machine_refuses_in_a_subroutine_file_is_told_there() {
+fn an_error_in_a_subroutine_file_names_that_file() {
     let workshop = Workshop::new();
     let _file = workshop.write(
         "far.ngc",
@@ -131,7 +131,7 @@ fn what_the_machine_refuses_in_a_subroutine_file_is_told_there() {
 }
 
 #[test]
-fn a_tool_without_a_table_is_an_error_unless_the_machine_says_zero() {
+fn a_missing_tool_table_is_an_error_unless_allowed() {
     let workshop = Workshop::new();
     let program = workshop.write("length.ngc", "G21 F100\nT1 M6\nG43 H1\nG0 Z5\nM2\n");
     let strict = check(&program, &[]);
@@ -157,7 +157,7 @@ fn a_tool_without_a_table_is_an_error_unless_the_machine_says_zero() {
 }
 
 #[test]
-fn lines_with_a_slash_run_unless_they_are_switched_off() {
+fn block_delete_lines_run_unless_switched_off() {
     let workshop = Workshop::new();
     let program = workshop.write("slash.ngc", "G21 G90 F6000\nG1 X1\n/G1 X4\nG1 Y1\n/X?\nM2\n");
     let machine = repository().join("config/machines/mill-3axis.toml");
@@ -234,7 +234,7 @@ fn what_depends_on_an_unknown_contact_is_a_warning() {
 }
 
 #[test]
-fn a_move_beyond_the_travel_that_follows_from_a_refused_line_is_not_told() {
+fn a_move_after_a_rejected_line_is_not_reported() {
     let workshop = Workshop::new();
     for (text, expected) in [
         // The move back is rejected.

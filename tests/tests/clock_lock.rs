@@ -190,7 +190,7 @@ fn follows_the_ring(reference_ppm: f64) {
 }
 
 #[test]
-fn the_core_follows_a_ring_that_is_200_ppm_fast_or_slow() {
+fn the_core_follows_a_ring_200_ppm_fast_or_slow() {
     for reference_ppm in [200.0, -200.0] {
         where_undisturbed(SUSPENDED, || {
             on_bench(devices(reference_ppm), move |_ring| {

@@ -47,7 +47,7 @@ fn floods(scene: &Scene, is_over: &AtomicBool, sent: &AtomicU64) {
 }
 
 #[test]
-fn an_emergency_stop_in_a_flood_of_overrides_counts_at_once() {
+fn an_emergency_stop_in_a_flood_acts_at_once() {
     unless_disturbed(|| {
         let mut scene = Scene::with("flood", &["--trace-limit", "1"]);
         let (is_over, sent) = (AtomicBool::new(false), AtomicU64::new(0));

@@ -38,7 +38,7 @@ fn text(path: &Path) -> String {
 }
 
 #[test]
-fn json_of_run_and_plan_has_the_fields_of_the_contract() {
+fn json_of_run_and_plan_matches_the_contract() {
     let workshop = Workshop::new();
     let (program, machine) = (workshop.short_program(), workshop.mill("json", &[]));
     let summary = Launch::in_virtual_time(&program, &machine)
@@ -78,7 +78,7 @@ fn json_of_run_and_plan_has_the_fields_of_the_contract() {
 }
 
 #[test]
-fn json_of_the_other_commands_is_one_object_and_nothing_else() {
+fn json_of_other_commands_is_one_object() {
     let workshop = Workshop::new();
     let (program, machine) = (workshop.short_program(), workshop.mill("others", &[]));
     let trace = workshop.path("run.mcap");
@@ -210,7 +210,7 @@ fn messages_of_the_program_go_to_standard_error() {
 
 /// A trace is in the given file, or in `traces` under the name of the program, and no part file remains.
 #[test]
-fn traces_go_where_they_are_asked_for_or_to_the_folder_of_traces() {
+fn traces_go_to_the_given_file_or_the_traces_folder() {
     let workshop = Workshop::new();
     let (program, machine) = (workshop.short_program(), workshop.mill("places", &[]));
     let deep = workshop.path("new/folder/run.mcap");

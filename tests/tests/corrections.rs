@@ -204,7 +204,7 @@ fn run(workshop: &Workshop, machine: &Path, planner: &str) -> PathBuf {
 }
 
 #[test]
-fn what_drives_are_sent_keeps_the_limits_and_brings_the_tool_to_its_place() {
+fn corrected_setpoints_keep_limits_and_tool_position() {
     let workshop = Workshop::new();
     let machine = machine(&workshop, "corrected", "");
     for planner in ["optimal", "classic"] {
@@ -260,7 +260,7 @@ fn a_machine_without_errors_is_sent_what_is_planned() {
 
 /// An input script that warms the machine up, checked against limits and bits.
 #[test]
-fn thermal_growth_is_followed_at_its_rate_and_computed_again() {
+fn thermal_growth_is_followed_and_recomputed() {
     let workshop = Workshop::new();
     let more = "[[input]]\nname = \"growth\"\nnumber = 2\nkind = \"analog\"\n";
     let machine = machine(&workshop, "warm", more);
@@ -300,7 +300,7 @@ fn thermal_growth_is_followed_at_its_rate_and_computed_again() {
 }
 
 #[test]
-fn a_served_machine_homes_jogs_and_runs_with_corrections_and_is_computed_again() {
+fn a_served_corrected_machine_is_recomputed() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = machine(&workshop, "sv-corr", HOMING);

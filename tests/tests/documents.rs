@@ -148,7 +148,7 @@ const LAYERS: [&str; 8] = [
 ];
 
 #[test]
-fn crates_depend_only_on_layers_above_or_are_named_in_the_architecture() {
+fn crates_depend_on_layers_above_or_documented_ones() {
     let text = fs::read_to_string(repository().join("docs/architecture.md")).expect("the page");
     let all = dependencies();
     assert!(all.len() > 30, "{all:?}");
@@ -327,7 +327,7 @@ fn every_command_has_a_man_page_and_completions() {
 
 /// A file that no `main.rs` names would not be compiled, and its missing tests would not be noticed.
 #[test]
-fn every_file_of_tests_is_in_the_executable_of_its_crate() {
+fn every_test_file_is_in_its_crate_executable() {
     let root = repository();
     let (mut left_out, mut count) = (Vec::new(), 0);
     let floors = fs::read_dir(root.join("crates")).expect("the crates");

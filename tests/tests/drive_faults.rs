@@ -74,7 +74,7 @@ fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -
 }
 
 #[test]
-fn drives_that_fail_at_any_moment_stop_the_machine_with_the_alarm_that_names_the_fault() {
+fn a_drive_failure_stops_with_the_alarm_of_its_fault() {
     let moments: usize = std::env::var("EVOLVENT_CASES")
         .ok()
         .and_then(|text| text.parse().ok())

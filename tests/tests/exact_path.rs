@@ -104,7 +104,7 @@ fn assert_exact(hole: &Hole, cycles: &[Cycle], permitted_mm: f64) {
 
 /// The hole of the examples in the paper: 200 mm, tool 40 mm, 20 turns of 3.95 mm.
 #[test]
-fn setpoints_of_the_papers_hole_lie_on_its_involutes_and_circles_within_a_nanometre() {
+fn setpoints_of_the_papers_hole_are_within_1_nm() {
     let workshop = Workshop::new();
     let machine = workshop.mill("exact", &[]);
     let (hole, cycles) = run_exact(
@@ -127,7 +127,7 @@ fn setpoints_of_the_papers_hole_lie_on_its_involutes_and_circles_within_a_nanome
 /// Holes of other sizes, milled in both directions, at other positions, on finer and coarser grids: at the
 /// rational rate no chord is farther from its curve than one increment.
 #[test]
-fn at_the_rational_rate_chords_stay_within_one_increment() {
+fn rational_rate_chords_stay_within_one_increment() {
     let holes: [(&str, &[&str]); 4] = [
         (
             "1000",

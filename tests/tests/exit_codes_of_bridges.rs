@@ -40,7 +40,7 @@ fn lathe_core(name: &str, domain: &Domain) -> CoreBus {
 
 /// Needs the right to create a network namespace.
 #[test]
-fn the_bridge_to_ethercat_says_by_its_exit_code_whether_to_try_again() {
+fn the_ethercat_bridge_exit_code_says_when_to_retry() {
     let workshop = Workshop::new();
     let (machine, network) = (
         config("machines/mill-ethercat.toml"),

@@ -11,7 +11,7 @@ use evolvent_tests::{Domain, Finished, Launch, Workshop, cycles, python, unless_
 /// positions of every cycle, 80 bytes each: from the bus, from the trace, and from a run with the virtual
 /// clock.
 #[test]
-fn python_finds_every_setpoint_once_and_in_order_on_the_bus_and_the_same_bits_in_the_trace() {
+fn python_reads_the_same_bits_from_bus_and_trace() {
     unless_disturbed(|| {
         let (Some(mut bus_client), Some(mut trace_client)) =
             (python("read_setpoints.py"), python("read_trace.py"))

@@ -34,7 +34,7 @@ fn run_on_small_disk(workshop: &Workshop, on_full: &str) -> (Finished, Vec<Cycle
 }
 
 #[test]
-fn motion_goes_on_without_a_trace_where_it_shall_and_the_exit_code_tells() {
+fn motion_continues_on_a_full_disk_if_configured() {
     let workshop = Workshop::new();
     let (finished, recorded) = run_on_small_disk(&workshop, "continue");
     let finished = finished.expect_code(&[3]);
@@ -55,7 +55,7 @@ fn motion_goes_on_without_a_trace_where_it_shall_and_the_exit_code_tells() {
 }
 
 #[test]
-fn motion_stops_where_it_shall_not_go_on_without_a_trace() {
+fn motion_stops_on_a_full_disk_if_configured() {
     let workshop = Workshop::new();
     let (finished, recorded) = run_on_small_disk(&workshop, "stop");
     let finished = finished.expect_code(&[1]);

@@ -226,7 +226,7 @@ fn keeps_limits(positions: &[f64], rate: f64) {
 }
 
 #[test]
-fn a_hand_that_turns_at_random_loses_no_count_and_breaks_no_limit() {
+fn a_random_hand_loses_no_count_and_breaks_no_limit() {
     let seed = 0x5eed_3ee2_u64;
     unless_disturbed(|| {
         let shop = Shop::new("wheel-hand", BARE);
@@ -266,7 +266,7 @@ fn a_hand_that_turns_at_random_loses_no_count_and_breaks_no_limit() {
 }
 
 #[test]
-fn an_even_hand_makes_an_even_motion_and_the_axis_stands_soon_after_it() {
+fn an_even_hand_moves_evenly_and_stops_soon() {
     unless_disturbed(|| {
         let shop = Shop::new("wheel-even", BARE);
         let served = shop.serves("even.mcap");
@@ -299,7 +299,7 @@ fn an_even_hand_makes_an_even_motion_and_the_axis_stands_soon_after_it() {
 }
 
 #[test]
-fn only_a_pendant_that_is_chosen_enabled_and_heard_moves_an_axis() {
+fn only_a_selected_enabled_live_pendant_moves_an_axis() {
     unless_disturbed(|| {
         let shop = Shop::new("wheel-pendant", PENDANT);
         let served = shop.serves("pendant.mcap");
@@ -363,7 +363,7 @@ fn only_a_pendant_that_is_chosen_enabled_and_heard_moves_an_axis() {
 }
 
 #[test]
-fn letting_the_button_go_and_the_end_of_travel_end_the_way_and_nothing_is_made_up_for() {
+fn a_released_button_or_travel_end_drops_counts() {
     unless_disturbed(|| {
         let steps = PENDANT
             .replace("[0.001, 0.01]", "[0.001, 5.0]")
@@ -421,7 +421,7 @@ fn letting_the_button_go_and_the_end_of_travel_end_the_way_and_nothing_is_made_u
 }
 
 #[test]
-fn a_jog_by_command_takes_over_from_a_wheel_that_turns_on() {
+fn a_commanded_jog_takes_over_from_a_turning_wheel() {
     unless_disturbed(|| {
         let shop = Shop::new("wheel-jog", BARE);
         let served = shop.serves("jog.mcap");

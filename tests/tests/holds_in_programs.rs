@@ -105,7 +105,7 @@ fn holds(job: &Job, count: usize, random: &mut Random) -> (Vec<Hold>, RunOutcome
 }
 
 #[test]
-fn holds_in_whole_programs_stop_soon_and_keep_every_limit() {
+fn holds_in_whole_programs_stop_soon_within_limits() {
     let folder = std::env::var_os("EVOLVENT_PROGRAMS").map(PathBuf::from);
     let count = std::env::var("EVOLVENT_CASES")
         .ok()

@@ -239,7 +239,7 @@ fn trial(random: &mut Random) -> Trial {
 }
 
 #[test]
-fn the_index_pulse_names_the_axis_exactly_from_any_start() {
+fn the_index_pulse_homes_exactly_from_any_start() {
     let mut random = Random::new();
     for _ in 0..40 {
         let trial = trial(&mut random);
@@ -254,7 +254,7 @@ fn the_index_pulse_names_the_axis_exactly_from_any_start() {
 /// too late to matter. A break that looks like the expected edge cannot be distinguished from it and is
 /// excluded.
 #[test]
-fn faults_at_random_moments_end_in_their_alarm_or_do_not_matter() {
+fn faults_at_random_moments_raise_their_alarm() {
     let mut random = Random::new();
     let mut ended = [0; 4];
     let mut trials = 0;
@@ -416,7 +416,7 @@ fn homes_x_and_y(operator: &mut Operator, offset: f64, tolerance: f64) {
 }
 
 #[test]
-fn simulated_axes_home_to_what_lies_beyond_their_travel() {
+fn simulated_axes_home_to_a_zero_beyond_their_travel() {
     unless_disturbed(|| {
         let mill = Mill::with("home-beyond", &["--reference-offset", "3.5"], BEYOND);
         let mut operator = mill.operator("home-beyond");
@@ -427,7 +427,7 @@ fn simulated_axes_home_to_what_lies_beyond_their_travel() {
 }
 
 #[test]
-fn a_served_mill_homes_by_index_and_absolute_encoder_and_its_trace_comes_out_the_same() {
+fn a_served_mill_homes_and_its_trace_is_recomputed() {
     unless_disturbed(|| {
         let mill = Mill::new("home-index", &["--absolute", "--reference-offset", "7.25"]);
         let mut operator = mill.operator("home-index");
@@ -449,7 +449,7 @@ fn a_served_mill_homes_by_index_and_absolute_encoder_and_its_trace_comes_out_the
 }
 
 #[test]
-fn what_is_missing_is_told_and_an_encoder_that_loses_its_zero_is_not_homed_any_more() {
+fn missing_switches_and_lost_zeros_are_reported() {
     unless_disturbed(|| {
         let faults = [
             "--absolute",

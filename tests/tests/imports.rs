@@ -85,7 +85,7 @@ fn import(ini: &Path, output: &Path) -> Finished {
 }
 
 #[test]
-fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
+fn a_gantry_router_in_inches_is_imported_and_runs() {
     let workshop = Workshop::new();
     let ini = workshop.write("router.ini", INI);
     let _file = workshop.write("axes.inc", AXES);
@@ -176,7 +176,7 @@ fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
 }
 
 #[test]
-fn what_cannot_be_carried_over_at_all_is_refused_with_its_place() {
+fn unsupported_configurations_are_rejected_by_line() {
     let workshop = Workshop::new();
     let cases = [
         (
@@ -199,7 +199,7 @@ fn what_cannot_be_carried_over_at_all_is_refused_with_its_place() {
 }
 
 #[test]
-fn backlash_and_a_table_of_screw_errors_come_over_and_are_corrected() {
+fn backlash_and_screw_errors_are_imported_and_applied() {
     let workshop = Workshop::new();
     let ini = workshop.write(
         "mill.ini",

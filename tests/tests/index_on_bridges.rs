@@ -560,17 +560,17 @@ fn without_homing_tables(hardware: &dyn Hardware, name: &str) {
 }
 
 #[test]
-fn axes_without_homing_are_not_homed_after_a_lost_session_on_ethercat() {
+fn a_lost_session_ends_homed_state_on_ethercat() {
     on_ring(without_homing_tables);
 }
 
 #[test]
-fn axes_without_homing_are_not_homed_after_a_lost_session_on_mesa() {
+fn a_lost_session_ends_homed_state_on_mesa() {
     on_board(without_homing_tables);
 }
 
 #[test]
-fn a_mill_on_ethercat_drives_homes_by_its_index_pulses() {
+fn a_mill_on_ethercat_homes_by_its_index_pulses() {
     on_ring(at_two_speeds);
 }
 
@@ -580,7 +580,7 @@ fn a_mill_on_a_mesa_board_homes_by_its_index_pulses() {
 }
 
 #[test]
-fn a_pulse_that_does_not_come_is_alarm_422_on_ethercat() {
+fn a_missing_pulse_is_alarm_422_on_ethercat() {
     on_ring(without_a_pulse);
 }
 
@@ -590,12 +590,12 @@ fn a_pulse_that_does_not_come_is_alarm_422_on_mesa() {
 }
 
 #[test]
-fn a_link_or_bridge_that_goes_while_armed_leaves_no_zero_on_ethercat() {
+fn a_link_lost_while_armed_leaves_no_zero_on_ethercat() {
     on_ring(broken_off);
 }
 
 #[test]
-fn a_link_or_bridge_that_goes_while_armed_leaves_no_zero_on_mesa() {
+fn a_link_lost_while_armed_leaves_no_zero_on_mesa() {
     on_board(broken_off);
 }
 
@@ -688,7 +688,7 @@ fn the_shipped_router_homes_by_its_switches() {
 }
 
 #[test]
-fn the_shipped_lathe_on_a_mesa_board_homes_by_its_switches() {
+fn the_shipped_mesa_lathe_homes_by_its_switches() {
     homes_by_its_switches(&ShippedPair {
         model: BoardModel::B7i96s,
         machine: "lathe-mesa",

@@ -47,7 +47,7 @@ fn read_for(reader: &mut SetpointReader, time: Duration) -> Setpoint {
 
 /// Every other run is killed while it starts or has just started, when there may be nothing to recover yet.
 #[test]
-fn a_killed_run_loses_a_quarter_of_a_second_and_leaves_the_bus_usable() {
+fn a_killed_run_loses_250_ms_and_leaves_a_usable_bus() {
     unless_disturbed(|| {
         let kills = std::env::var("EVOLVENT_KILLS")
             .ok()
@@ -133,7 +133,7 @@ fn extremes(cycles: &[Cycle], axis: usize) -> [f64; 3] {
 
 /// The program goes to and fro along Y = X / 2 at 6000 mm/min on an X axis of 5000 mm/s2 and 200000 mm/s3.
 #[test]
-fn sigterm_and_sigint_stop_at_rest_on_the_path_within_the_limits() {
+fn sigterm_and_sigint_stop_on_the_path_within_limits() {
     unless_disturbed(|| {
         let mut random = Random::new();
         for stop in [Signal::TERM, Signal::INT] {

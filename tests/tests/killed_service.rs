@@ -220,7 +220,7 @@ fn brings_up_again(operator: &mut Operator) -> Option<u32> {
 /// successors, continue, and the drives keep their limits. At the end nothing remains in shared memory: the
 /// domain checks that.
 #[test]
-fn cores_bridges_and_clients_that_are_killed_at_any_moment_leave_nothing_behind() {
+fn killed_cores_bridges_and_clients_leave_nothing() {
     unless_disturbed(|| {
         let (workshop, domain, mut random) = (Workshop::new(), Domain::new(), Random::new());
         let name = "op-kill";

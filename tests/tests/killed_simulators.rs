@@ -126,7 +126,7 @@ fn is_killed(
 }
 
 #[test]
-fn a_ring_that_is_killed_in_motion_stops_the_machine_and_works_again() {
+fn a_killed_ring_stops_the_machine_and_works_again() {
     unless_disturbed(|| {
         // No other device is at the other end of the cable.
         on_bench(Vec::new(), |_ring| {
@@ -169,7 +169,7 @@ fn a_ring_that_is_killed_in_motion_stops_the_machine_and_works_again() {
 }
 
 #[test]
-fn a_board_that_is_killed_in_motion_stops_the_machine_and_works_again() {
+fn a_killed_board_stops_the_machine_and_works_again() {
     unless_disturbed(|| {
         let process = std::process::id();
         let address = format!("127.29.{}.{}", process >> 8 & 255, process & 255);

@@ -22,7 +22,7 @@ const SQUARE: &str =
     "G21 G90 G94 G64 P0.01\nM3 S1000\nG0 X0 Y0\nG1 Z-2 F1200\nX20\nY10\nX0\nY0\nM5\nG0 Z5\nM2\n";
 
 #[test]
-fn a_held_program_is_left_by_jogs_and_goes_on_where_it_was_held() {
+fn a_held_program_left_by_jogs_continues_where_held() {
     unless_disturbed(|| {
         let shop = Shop::new("leave-jog");
         let (served, _drives, mut operator) = shop.opens();
@@ -118,7 +118,7 @@ fn a_held_program_is_left_by_jogs_and_goes_on_where_it_was_held() {
 
 /// Formerly a jog without distance ran to the end of the travel once it had lost its dead-man switch.
 #[test]
-fn an_increment_stops_the_jog_of_a_held_program_and_the_way_back_is_known() {
+fn an_increment_in_a_held_program_keeps_the_way_back() {
     unless_disturbed(|| {
         let shop = Shop::new("leave-add");
         let (served, _drives, mut operator) = shop.opens();
@@ -160,7 +160,7 @@ fn an_increment_stops_the_jog_of_a_held_program_and_the_way_back_is_known() {
 }
 
 #[test]
-fn a_path_is_driven_backwards_to_starts_of_blocks_and_forwards_again() {
+fn a_path_is_retraced_to_block_starts_and_back() {
     unless_disturbed(|| {
         let shop = Shop::new("leave-back");
         let (served, _drives, mut operator) = shop.opens();
@@ -231,7 +231,7 @@ fn a_path_is_driven_backwards_to_starts_of_blocks_and_forwards_again() {
 }
 
 #[test]
-fn whatever_comes_while_the_axes_are_away_ends_in_a_defined_way() {
+fn every_event_on_an_excursion_has_a_defined_end() {
     unless_disturbed(|| {
         let shop = Shop::new("leave-trouble");
         let (served, _drives, mut operator) = shop.opens();

@@ -136,7 +136,7 @@ fn anything(random: &mut Random, is_held: bool) -> ControlRequest {
 /// drives. Every axis keeps its limits, the program keeps its contour, and the trace is recomputed bit for
 /// bit.
 #[test]
-fn random_commands_leave_limits_contour_and_trace_as_they_are() {
+fn random_commands_keep_limits_contour_and_trace() {
     unless_disturbed(|| {
         let count = cases(150);
         let mut random = Random::new();

@@ -153,7 +153,7 @@ fn compare_script(
 
 /// G43, G43 H and G10 L1, L10 and L11 with an empty spindle, with a tool and with T0, in both magazines.
 #[test]
-fn lengths_of_tools_and_of_tool_0_are_those_of_linuxcnc() {
+fn tool_lengths_match_linuxcnc() {
     let Some(folder) = linuxcnc() else { return };
     let tests = folder.join("tests/t0");
     let script = read(&tests.join("shared-test.sh"));
@@ -185,7 +185,7 @@ fn lengths_of_tools_and_of_tool_0_are_those_of_linuxcnc() {
 
 /// Tool numbers that differ from their pocket numbers, with lengths measured by G10 L10 in between.
 #[test]
-fn tools_whose_numbers_are_not_their_pockets_are_those_of_linuxcnc() {
+fn tools_in_other_pockets_match_linuxcnc() {
     let Some(folder) = linuxcnc() else { return };
     let tests = folder.join("tests/toolchanger");
     let script = read(&tests.join("toolno-pocket-differ/shared-test.sh"));
@@ -208,7 +208,7 @@ fn quoted<'a>(line: &'a str, prefix: &str) -> Option<&'a str> {
 }
 
 #[test]
-fn all_parameters_of_a_tool_are_those_of_linuxcnc_after_m6_and_m61() {
+fn tool_parameters_after_m6_and_m61_match_linuxcnc() {
     let Some(folder) = linuxcnc() else { return };
     let tests = folder.join("tests/toolchanger");
     let script = read(&tests.join("m61/test-ui.py"));
@@ -236,7 +236,7 @@ fn all_parameters_of_a_tool_are_those_of_linuxcnc_after_m6_and_m61() {
 }
 
 #[test]
-fn names_of_tool_and_pocket_have_the_values_of_linuxcnc() {
+fn named_tool_parameters_match_linuxcnc() {
     let Some(folder) = linuxcnc() else { return };
     let tests = folder.join("tests/tool-info");
     let mut compared = 0;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use evolvent_tests::{Domain, Launch, Workshop, unless_disturbed, wait};
 
 #[test]
-fn two_machines_run_side_by_side_and_each_client_gets_its_own() {
+fn two_machines_side_by_side_have_their_own_clients() {
     unless_disturbed(|| {
         let domain = Domain::new();
         let workshop = Workshop::new();
@@ -51,7 +51,7 @@ fn two_machines_run_side_by_side_and_each_client_gets_its_own() {
 }
 
 #[test]
-fn a_second_core_of_the_same_name_is_refused_and_moves_nothing() {
+fn a_second_core_of_one_name_is_rejected() {
     unless_disturbed(|| {
         let domain = Domain::new();
         let workshop = Workshop::new();

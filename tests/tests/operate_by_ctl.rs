@@ -175,7 +175,7 @@ fn speed_of(velocity: &[f64; 9]) -> f64 {
 }
 
 #[test]
-fn what_is_started_is_named_and_never_the_program_before() {
+fn start_runs_the_named_program_never_an_older_one() {
     unless_disturbed(|| {
         let scene = Scene::new("ctl-start");
         let mut operator = up(&scene);
@@ -264,7 +264,7 @@ fn the_way_to_a_line_is_shown_before_anything_moves() {
 }
 
 #[test]
-fn few_descriptors_are_named_and_not_blamed_on_the_core() {
+fn too_few_file_descriptors_are_reported_as_such() {
     let scene = Scene::new("ctl-files");
     drop(scene.operator());
     let words = [
@@ -295,7 +295,7 @@ fn few_descriptors_are_named_and_not_blamed_on_the_core() {
 
 /// Values below 0 come first: an accepted NaN would jog until the end of the travel.
 #[test]
-fn a_jog_for_no_number_of_seconds_is_refused_before_anything_moves() {
+fn a_jog_for_an_invalid_duration_is_rejected() {
     unless_disturbed(|| {
         let scene = Scene::new("ctl-seconds");
         let mut operator = up(&scene);

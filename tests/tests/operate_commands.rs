@@ -9,7 +9,7 @@ use evolvent_tests::{Operator, Scene, command, speed, unless_disturbed};
 const DONE: u32 = 1;
 
 #[test]
-fn commands_out_of_place_are_refused_with_number_and_sentence_and_change_nothing() {
+fn rejected_commands_have_a_number_and_change_nothing() {
     unless_disturbed(|| {
         let scene = Scene::new("op-refuse");
         let mut operator = scene.operator();
@@ -44,7 +44,7 @@ fn commands_out_of_place_are_refused_with_number_and_sentence_and_change_nothing
 }
 
 #[test]
-fn mdi_remembers_modes_moves_and_is_refused_before_anything_moves() {
+fn mdi_keeps_modes_and_rejects_before_motion() {
     unless_disturbed(|| {
         let scene = Scene::new("op-mdi");
         let mut operator = scene.operator();
@@ -122,7 +122,7 @@ fn mdi_starts_in_the_units_of_the_machine() {
 }
 
 #[test]
-fn parameters_of_mdi_count_for_later_blocks_and_not_for_programs() {
+fn mdi_parameters_last_for_mdi_but_not_for_programs() {
     unless_disturbed(|| {
         let scene = Scene::new("op-parameters");
         let mut operator = scene.operator();

@@ -18,7 +18,7 @@ const IN_A_ROW: u32 = 5;
 const PATIENCE: Duration = Duration::from_secs(120);
 
 #[test]
-fn a_jog_whose_client_is_killed_stops_within_a_tenth_of_a_second() {
+fn a_jog_of_a_killed_client_stops_within_100_ms() {
     unless_disturbed(|| {
         let scene = Scene::new("op-jog");
         let mut operator = scene.operator();
@@ -98,7 +98,7 @@ fn stop_behind_a_kill(scene: &Scene, operator: &mut Operator) -> Option<f64> {
 }
 
 #[test]
-fn an_increment_ends_where_it_should_and_a_jog_ends_at_the_soft_limit() {
+fn increments_end_on_target_and_jogs_at_soft_limits() {
     unless_disturbed(|| {
         let scene = Scene::new("op-increment");
         let mut operator = scene.operator();
@@ -174,7 +174,7 @@ fn no_jog_is_accepted_while_stop_brakes() {
 /// Formerly a jog without distance ran to the end of the travel at full speed once it had lost its dead-man
 /// switch.
 #[test]
-fn an_increment_stops_a_jog_without_distance_and_counts_from_where_its_axis_stops() {
+fn an_increment_during_a_jog_counts_from_its_stop() {
     unless_disturbed(|| {
         let scene = Scene::new("op-add");
         let mut operator = scene.operator();
@@ -229,7 +229,7 @@ fn an_increment_stops_a_jog_without_distance_and_counts_from_where_its_axis_stop
 }
 
 #[test]
-fn a_jog_turns_round_in_motion_without_standing_longer_than_a_cycle() {
+fn a_jog_reverses_in_motion_without_a_dwell() {
     unless_disturbed(|| {
         let scene = Scene::new("op-turn");
         let mut operator = scene.operator();

@@ -83,7 +83,7 @@ impl Watcher {
 }
 
 #[test]
-fn a_program_is_started_held_resumed_overridden_and_stopped_and_setpoints_never_jump() {
+fn a_program_obeys_all_commands_without_jumps() {
     unless_disturbed(|| {
         let scene = Scene::new("op-program");
         let mut operator = scene.operator();
@@ -133,7 +133,7 @@ fn a_program_is_started_held_resumed_overridden_and_stopped_and_setpoints_never_
 }
 
 #[test]
-fn a_hold_that_comes_while_the_program_is_still_planned_holds_it() {
+fn a_hold_during_planning_holds_the_program() {
     unless_disturbed(|| {
         let scene = Scene::new("op-early-hold");
         let mut operator = scene.operator();
@@ -185,7 +185,7 @@ fn nothing_resumes_a_program_that_was_told_to_stop() {
 }
 
 #[test]
-fn a_long_program_is_checked_as_a_whole_before_it_starts() {
+fn a_long_program_is_checked_whole_before_it_starts() {
     unless_disturbed(|| {
         let scene = Scene::new("op-long");
         let mut operator = scene.operator();
@@ -248,7 +248,7 @@ fn a_long_program_is_checked_as_a_whole_before_it_starts() {
 }
 
 #[test]
-fn a_short_program_with_a_long_loop_is_checked_as_a_whole_before_it_starts() {
+fn a_long_loop_is_checked_whole_before_it_starts() {
     unless_disturbed(|| {
         let scene = Scene::new("op-loop");
         let mut operator = scene.operator();
@@ -302,7 +302,7 @@ fn a_short_program_with_a_long_loop_is_checked_as_a_whole_before_it_starts() {
 }
 
 #[test]
-fn single_step_runs_block_by_block_and_program_stops_wait() {
+fn single_step_runs_by_block_and_program_stops_wait() {
     unless_disturbed(|| {
         let scene = Scene::new("op-step");
         let mut operator = scene.operator();
@@ -364,7 +364,7 @@ fn sees_hold(operator: &mut Operator, number: u64) -> [Setpoint; 3] {
 }
 
 #[test]
-fn single_step_in_a_running_program_holds_a_braking_distance_into_the_next_line() {
+fn single_step_while_running_holds_in_the_next_line() {
     unless_disturbed(|| {
         let scene = Scene::new("op-step-late");
         let mut operator = scene.operator();
@@ -458,7 +458,7 @@ fn a_step_from_a_stop_drives_one_whole_line() {
 }
 
 #[test]
-fn the_rapid_override_slows_rapids_and_leaves_feeds_alone() {
+fn the_rapid_override_slows_rapids_only() {
     unless_disturbed(|| {
         let scene = Scene::new("op-rapid");
         let mut operator = scene.operator();

@@ -47,7 +47,7 @@ fn offsets_and_tools_outlive_a_restart_and_a_kill() {
 }
 
 #[test]
-fn the_first_signal_stops_on_the_path_and_ends_and_every_command_is_in_the_trace() {
+fn the_first_signal_stops_on_the_path_and_is_traced() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let domain = Domain::new();
@@ -122,7 +122,7 @@ fn the_first_signal_stops_on_the_path_and_ends_and_every_command_is_in_the_trace
 }
 
 #[test]
-fn a_service_manager_is_told_when_it_is_ready_alive_and_stopping() {
+fn systemd_is_notified_of_ready_alive_and_stopping() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = workshop.mill("op-notify", &[]);

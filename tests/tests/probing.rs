@@ -147,7 +147,7 @@ M2
 
 /// Formerly `G0 Z[#5063+2]` moved to Z 2 instead of 2 mm above the contact.
 #[test]
-fn what_the_probe_has_found_counts_in_the_next_block_of_mdi() {
+fn probe_results_are_available_in_the_next_mdi_block() {
     unless_disturbed(|| {
         let shop = Shop::new("pr-next");
         let trace = shop.workshop.path("next.mcap").display().to_string();
@@ -182,7 +182,7 @@ fn what_the_probe_has_found_counts_in_the_next_block_of_mdi() {
 
 /// Between contact and rapid the axes are at rest, and when the planner knows the rapid depends on its speed.
 #[test]
-fn a_rapid_after_a_contact_is_computed_again_bit_for_bit() {
+fn a_rapid_after_a_contact_is_recomputed_bit_for_bit() {
     unless_disturbed(|| {
         let shop = Shop::new("pr-rapid");
         let trace = shop.workshop.path("rapid.mcap").display().to_string();

@@ -109,7 +109,7 @@ fn plans_of_the_shipped_programs_are_those_on_file() {
 
 /// Properties of the positions in the trace, and that the summary reports the same values.
 #[test]
-fn shipped_programs_keep_limits_travel_tolerance_and_end() {
+fn shipped_programs_keep_limits_travel_and_tolerance() {
     let machine = repository().join("config/machines/mill-3axis.toml");
     let workshop = Workshop::new();
     for (program, end, tolerance_mm) in PROGRAMS {

@@ -52,7 +52,7 @@ fn real_and_virtual_clock_give_the_same_bits() {
 }
 
 #[test]
-fn two_virtual_runs_of_every_shipped_program_give_the_same_bits() {
+fn two_virtual_runs_give_the_same_bits() {
     let workshop = Workshop::new();
     let machine = repository().join("config/machines/mill-3axis.toml");
     for program in ["bore-200", "facing-inch", "pocket-helix", "relief"] {

@@ -40,7 +40,7 @@ fn is_buildable() -> bool {
 }
 
 #[test]
-fn the_committed_page_is_what_its_sources_give_and_a_browser_runs_it() {
+fn the_committed_page_matches_its_sources_and_runs() {
     if is_buildable() {
         // The other cases run on a machine, in the next test.
         let _said =
@@ -126,7 +126,7 @@ fn ends((mut child, mut said): (Child, BufReader<ChildStdout>)) {
 
 /// The key of a service changes with every start: an open page must not try to reconnect for ever.
 #[test]
-fn an_open_page_says_that_its_service_was_started_again_or_that_its_run_has_ended() {
+fn an_open_page_reports_a_restart_and_an_ended_run() {
     if !is_buildable() {
         return;
     }

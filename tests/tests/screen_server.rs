@@ -56,7 +56,7 @@ fn client(words: &[&str]) -> Option<String> {
 }
 
 #[test]
-fn a_jog_whose_page_is_killed_frozen_or_cut_stops_within_a_tenth_of_a_second() {
+fn a_jog_of_a_lost_page_stops_within_100_ms() {
     let wanted = std::env::var("EVOLVENT_JOGS").ok();
     let wanted = wanted.map_or(COUNTED, |text| text.parse().expect("a number"));
     let (scene, [address, _]) = scene("screen-jog");
@@ -167,7 +167,7 @@ fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option
 /// The server opens its connections to the core before anyone presses a button: a jog that waits 250 ms for
 /// one is rejected.
 #[test]
-fn the_first_jog_and_the_first_emergency_stop_of_a_service_are_accepted() {
+fn the_first_jog_and_emergency_stop_are_accepted() {
     unless_disturbed(|| {
         let (scene, [address, _]) = scene("screen-first");
         let mut operator = scene.operator();
@@ -179,7 +179,7 @@ fn the_first_jog_and_the_first_emergency_stop_of_a_service_are_accepted() {
 }
 
 #[test]
-fn leases_numbers_roles_hosts_origins_and_uploads_keep_their_rules() {
+fn leases_roles_origins_and_uploads_follow_the_rules() {
     // A command that reaches the server late is rejected, as it must be.
     unless_disturbed(|| {
         let options = ["--screen=127.0.0.1:0", "--trace-limit=1"];
@@ -190,7 +190,7 @@ fn leases_numbers_roles_hosts_origins_and_uploads_keep_their_rules() {
 }
 
 #[test]
-fn a_client_that_floods_or_sends_too_much_at_once_is_disconnected() {
+fn a_flooding_client_is_disconnected() {
     unless_disturbed(|| {
         let (scene, [address, _]) = scene("screen-limits");
         let _said = client(&["limits", &address]);
@@ -237,7 +237,7 @@ fn a_page_has_the_certificate_that_it_is_given() {
 
 /// The machine stays in emergency stop: no message may be taken for a command that moves.
 #[test]
-fn ten_thousand_mutated_messages_and_random_bytes_do_no_harm() {
+fn ten_thousand_mutated_messages_do_no_harm() {
     let (scene, [address, _]) = scene("screen-hostile");
     let served = scene.served.as_ref().expect("a core").process();
     // One-time allocations have been made.
@@ -269,7 +269,7 @@ fn resident_kib(process: u32) -> u64 {
 }
 
 #[test]
-fn twenty_pages_look_on_while_a_program_runs_and_those_that_do_not_read_hold_nobody_up() {
+fn twenty_viewers_do_not_delay_each_other() {
     unless_disturbed(|| {
         let (scene, [address, _]) = scene("screen-crowd");
         let mut operator = scene.operator();

@@ -72,7 +72,7 @@ impl Scene {
 }
 
 #[test]
-fn homing_finds_machine_zero_however_wrong_the_encoders_were() {
+fn homing_finds_machine_zero_with_any_encoder_error() {
     unless_disturbed(|| {
         let scene = Scene::new("drv-home", HOMING, &["--reference-offset", "7.25"]);
         let mut operator = scene.operator();
@@ -128,7 +128,7 @@ fn homing_finds_machine_zero_however_wrong_the_encoders_were() {
 }
 
 #[test]
-fn a_switch_that_is_not_there_ends_homing_with_its_alarm_and_the_machine_can_go_on() {
+fn a_missing_switch_ends_homing_with_its_alarm() {
     unless_disturbed(|| {
         // The simulated drives have the switch of X at the negative end.
         let wrong = HOMING.replacen(
@@ -165,7 +165,7 @@ fn a_switch_that_is_not_there_ends_homing_with_its_alarm_and_the_machine_can_go_
 }
 
 #[test]
-fn faults_of_the_drives_stop_the_machine_with_their_alarm_and_it_comes_back() {
+fn drive_faults_stop_with_their_alarm_and_are_reset() {
     unless_disturbed(|| {
         for (fault, alarms) in [
             ("fault@4.0:Y", [406, 407]),
@@ -225,7 +225,7 @@ fn faults_of_the_drives_stop_the_machine_with_their_alarm_and_it_comes_back() {
 }
 
 #[test]
-fn an_emergency_stop_brings_every_axis_to_rest_and_takes_the_power_away() {
+fn an_emergency_stop_stops_axes_and_removes_power() {
     unless_disturbed(|| {
         let scene = Scene::new("drv-estop", "", &[]);
         let mut operator = scene.operator();
@@ -252,7 +252,7 @@ fn an_emergency_stop_brings_every_axis_to_rest_and_takes_the_power_away() {
 /// Drives whose link is lost for a moment, or that were exchanged: homed axes are no longer homed, unless
 /// their encoders are absolute.
 #[test]
-fn machine_zero_is_lost_with_the_link_unless_the_drives_keep_it() {
+fn machine_zero_is_lost_with_the_link_unless_kept() {
     unless_disturbed(|| {
         for is_absolute in [false, true] {
             let options: &[&str] = if is_absolute { &["--absolute"] } else { &[] };
@@ -322,7 +322,7 @@ fn machine_zero_is_lost_with_the_link_unless_the_drives_keep_it() {
 
 /// A bridge that reports impossible positions before power is on: the core keeps its own.
 #[test]
-fn positions_that_cannot_be_are_not_taken_over_without_power() {
+fn impossible_positions_without_power_are_ignored() {
     unless_disturbed(|| {
         let mut scene = Scene::new("drv-wild", "", &[]);
         let mut operator = scene.operator();

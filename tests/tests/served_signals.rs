@@ -213,7 +213,7 @@ fn set(output: &str, amount: f64) -> ControlRequest {
 }
 
 #[test]
-fn a_served_program_switches_waits_and_is_computed_again() {
+fn a_served_program_switches_waits_and_is_recomputed() {
     unless_disturbed(|| {
         let shop = Shop::new("ss-program");
         let trace = shop.workshop.path("session.mcap");
@@ -313,7 +313,7 @@ fn a_served_program_switches_waits_and_is_computed_again() {
 }
 
 #[test]
-fn a_chain_that_opens_stops_axes_drives_and_outputs_and_has_to_be_reset() {
+fn an_open_chain_stops_everything_until_a_reset() {
     unless_disturbed(|| {
         let shop = Shop::new("ss-chain");
         let served = shop.serves(&[]);
@@ -390,7 +390,7 @@ fn a_chain_that_opens_stops_axes_drives_and_outputs_and_has_to_be_reset() {
 }
 
 #[test]
-fn outputs_are_set_by_hand_within_what_the_machine_file_says() {
+fn outputs_are_set_by_hand_where_permitted() {
     unless_disturbed(|| {
         let shop = Shop::new("ss-hand");
         let served = shop.serves(&[]);
@@ -472,7 +472,7 @@ fn outputs_are_set_by_hand_within_what_the_machine_file_says() {
 
 /// The shipped example, with a wire from the lamp to the input `ready`.
 #[test]
-fn a_bridge_in_python_sets_outputs_when_they_are_due_and_answers_with_inputs() {
+fn a_python_bridge_sets_outputs_and_sends_inputs() {
     unless_disturbed(|| {
         let Some(mut bridge) = python("../../tools/python/examples/signals.py") else {
             return;

@@ -80,7 +80,7 @@ fn passes_between(messages: &[MachineOutputs], from: [f64; 2]) -> [bool; 2] {
 }
 
 #[test]
-fn mdi_and_stop_ramp_both_spindles_and_estop_switches_them_off_at_once() {
+fn mdi_and_stop_ramp_spindles_and_estop_cuts_them() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = machine(&workshop, "ramped-pair");
@@ -127,7 +127,7 @@ fn mdi_and_stop_ramp_both_spindles_and_estop_switches_them_off_at_once() {
 }
 
 #[test]
-fn no_surface_speed_outlives_its_program_a_stop_or_a_reset() {
+fn surface_speed_ends_with_program_stop_or_reset() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = machine(&workshop, "surface-speed");
@@ -177,7 +177,7 @@ fn no_surface_speed_outlives_its_program_a_stop_or_a_reset() {
 /// The planner receives such a move in pieces of 1 % of speed. For the operator it is one move; formerly
 /// RETRACE returned to the start of a piece.
 #[test]
-fn a_move_whose_feed_follows_the_surface_speed_is_driven_back_as_a_whole() {
+fn a_move_at_surface_speed_feed_is_retraced_whole() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = machine(&workshop, "surface-feed");

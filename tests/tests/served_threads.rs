@@ -57,7 +57,7 @@ fn overrides_spindles(operator: &mut Operator, ratio: f64) {
 }
 
 #[test]
-fn a_tap_and_a_thread_turn_at_the_programmed_speed_whatever_the_override_says() {
+fn taps_and_threads_ignore_the_spindle_override() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let name = "served-threads";

@@ -192,7 +192,7 @@ fn is_the_same(verified: &Verified) -> bool {
 }
 
 #[test]
-fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found() {
+fn every_job_is_recomputed_and_one_wrong_bit_is_found() {
     unless_disturbed(|| {
         for cycles in ["messages", "columns"] {
             let workshop = Workshop::new();
@@ -293,7 +293,7 @@ fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found
 }
 
 #[test]
-fn a_run_with_subroutines_in_a_folder_is_computed_again_without_the_folder() {
+fn subroutine_folders_are_not_needed_to_recompute() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let machine = workshop.mill("sub-mill", &[]);
@@ -331,7 +331,7 @@ fn read_bit_by_bit() -> String {
 }
 
 #[test]
-fn what_is_switched_while_a_program_runs_counts_for_the_same_lines_when_it_is_computed_again() {
+fn switches_during_a_program_recompute_by_line() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let (domain, name) = (Domain::new(), "sv-switch");
@@ -410,7 +410,7 @@ fn what_is_switched_while_a_program_runs_counts_for_the_same_lines_when_it_is_co
 
 /// Earlier blocks have set so many parameters that the text of a block exceeds 64 KiB.
 #[test]
-fn a_block_behind_thousands_of_parameters_is_checked_and_recorded_whole() {
+fn a_block_after_thousands_of_parameters_is_recorded() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let mill = std::fs::read_to_string(workshop.mill("sv-many", &[])).expect("a machine file");

@@ -210,7 +210,7 @@ fn no_network_and_no_board_ships_without_its_machine() {
 
 /// The command of the docs, with the network of a machine whose period the drives do not support.
 #[test]
-fn a_bridge_to_drives_that_cannot_be_given_the_period_does_not_start() {
+fn a_bridge_whose_drives_lack_the_period_ends() {
     let workshop = Workshop::new();
     let network = "config/networks/sim-mill.toml";
     let slow = workshop.write(

@@ -46,7 +46,7 @@ impl Drop for Client {
 }
 
 #[test]
-fn a_client_in_c_follows_outputs_and_tells_inputs_that_programs_wait_for() {
+fn a_c_client_reads_outputs_and_sends_inputs() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let text = std::fs::read_to_string(workshop.mill("signals-c", &[])).expect("a machine file");

@@ -56,7 +56,7 @@ fn run(workshop: &Workshop, name: &str, ramp: &str, program: &str) -> (Vec<Machi
 }
 
 #[test]
-fn the_command_changes_by_its_rate_through_zero_and_feed_waits_for_its_end() {
+fn spindle_commands_ramp_through_zero_and_delay_feed() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let program = "G21 G90 G94 F1200\nM3 S600\nG0 X5\nG1 X10\nM4 S300\nG1 X15\nM5\nG4 P0.5\nM2\n";
@@ -128,7 +128,7 @@ fn feed_per_revolution_goes_by_the_ramp() {
 }
 
 #[test]
-fn a_spindle_that_the_program_has_stopped_holds_up_no_rest() {
+fn a_spindle_stopped_by_the_program_delays_no_rest() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         // After a feed per revolution, a dwell, a rapid and an output at rest do not wait for a stopped
@@ -225,7 +225,7 @@ fn replays(trace: &Path) {
 }
 
 #[test]
-fn a_run_ends_when_the_ramps_of_its_spindles_have_ended() {
+fn a_run_ends_when_its_spindle_ramps_have_ended() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let program = "G21 G90 G94 F1200\nM4 S600\nG1 X5\nM2\n";
@@ -268,7 +268,7 @@ fn the_status_shows_the_command_on_its_ramp() {
 }
 
 #[test]
-fn a_signal_ends_a_run_after_its_ramp_and_a_second_at_once() {
+fn a_signal_ends_a_run_after_its_ramp() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let domain = Domain::new();

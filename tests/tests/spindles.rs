@@ -96,7 +96,7 @@ fn feed_waits_for_each_speed_and_rapids_do_not() {
 }
 
 #[test]
-fn a_spindle_that_stays_slow_ends_the_program_before_the_feed() {
+fn a_slow_spindle_ends_the_program_before_the_feed() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let program = "G21 G90 G94 F1200\nM4 S1000\nG0 X5\nG1 X10\nM2\n";
@@ -111,7 +111,7 @@ fn a_spindle_that_stays_slow_ends_the_program_before_the_feed() {
 }
 
 #[test]
-fn a_spindle_that_fails_stalls_or_falls_silent_stops_the_run() {
+fn a_failed_stalled_or_silent_spindle_stops_the_run() {
     for fault in ["spindle-fault", "spindle-stall", "spindle-silent"] {
         unless_disturbed(|| {
             let workshop = Workshop::new();
@@ -161,7 +161,7 @@ fn an_angle_is_waited_for_before_the_program_goes_on() {
 }
 
 #[test]
-fn without_a_measured_spindle_m19_is_refused_and_nothing_waits() {
+fn m19_without_a_measured_spindle_is_rejected() {
     let workshop = Workshop::new();
     let machine = workshop.mill("plain", &[]);
     let program = workshop.write("program.ngc", "G21 G90 G94 F1200\nM3 S600\nG1 X5\nM19 R90\nM2\n");
@@ -184,7 +184,7 @@ fn without_a_measured_spindle_m19_is_refused_and_nothing_waits() {
 }
 
 #[test]
-fn a_served_machine_waits_for_the_speed_and_stops_for_a_spindle_in_trouble() {
+fn a_served_machine_waits_for_the_spindle_speed() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = machine(&workshop, "spun", 20.0);

@@ -517,7 +517,7 @@ fn m19_on_an_ethercat_drive_turns_to_its_angles() {
 }
 
 #[test]
-fn g95_on_an_ethercat_drive_follows_the_measured_speed() {
+fn g95_on_ethercat_follows_the_measured_speed() {
     RingLathe::on_ring(|lathe| feed_per_turn(lathe));
 }
 
@@ -538,7 +538,7 @@ fn troubles_of_an_ethercat_spindle_end_the_pass() {
 
 /// The shipped pair of files: its drives home, and a thread of two depths and a spring pass is in phase.
 #[test]
-fn the_shipped_lathe_on_ethercat_homes_and_cuts_a_thread() {
+fn the_shipped_ethercat_lathe_homes_and_threads() {
     ShippedLathe::on_ring(|lathe| {
         let constant = ConstantError::new();
         where_undisturbed(LATE, || {

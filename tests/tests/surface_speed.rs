@@ -46,7 +46,7 @@ fn surface_rpm(metres_per_minute: f64, max_rpm: f64, radius_mm: f64) -> f64 {
 }
 
 #[test]
-fn the_spindle_is_commanded_by_the_radius_of_each_setpoint_and_feed_waits_behind_rapids() {
+fn surface_speed_follows_the_radius_of_each_setpoint() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = machine(&workshop, "surface");
@@ -122,7 +122,7 @@ fn feeds_per_turn(trace: &Path, cycles: &[Cycle], from_x: f64, to_x: f64) -> Vec
 }
 
 #[test]
-fn feed_per_revolution_follows_the_measured_speed_of_a_spindle_that_slows_down() {
+fn g95_follows_a_spindle_that_slows_down() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = machine(&workshop, "slowing");
@@ -164,7 +164,7 @@ fn feed_per_revolution_follows_the_measured_speed_of_a_spindle_that_slows_down()
 }
 
 #[test]
-fn the_override_of_the_spindle_reaches_the_bridge_where_it_counts_and_feed_per_revolution_follows() {
+fn the_spindle_override_acts_at_the_bridge_and_in_g95() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = machine(&workshop, "overridden");

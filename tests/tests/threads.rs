@@ -82,7 +82,7 @@ fn a_thread_of_two_starts_begins_half_a_turn_later() {
 }
 
 #[test]
-fn a_tap_comes_back_to_its_start_with_the_spindle_turned_back() {
+fn a_tap_returns_to_its_start_in_depth_and_angle() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let program = "G21 G18 G90 G8\nS500 M3\nG0 X0 Z5\nG33.1 Z-10 K1\nG0 X20\nM5\nM2\n";
@@ -123,7 +123,7 @@ fn a_tap_comes_back_to_its_start_with_the_spindle_turned_back() {
 }
 
 #[test]
-fn a_spindle_that_fails_in_a_pass_ends_it_at_rest_and_is_told() {
+fn a_spindle_failure_in_a_pass_ends_it_at_rest() {
     for (fault, told) in [("spindle-silent", "spindle"), ("spindle-stall", "program.ngc:4")] {
         unless_disturbed(|| {
             let workshop = Workshop::new();
@@ -148,7 +148,7 @@ fn a_spindle_that_fails_in_a_pass_ends_it_at_rest_and_is_told() {
 /// A pass itself detects a stalled spindle; after the pass the usual check does, from the next feed to the
 /// end of the program.
 #[test]
-fn a_spindle_that_stalls_behind_a_pass_raises_its_alarm() {
+fn a_spindle_stalled_after_a_pass_raises_its_alarm() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let program = "G21 G18 G90 G8 G94\nS300 M3\nG0 X15 Z5\nG33 Z-5 K1\nG0 X20\nG1 Z-95 F200\nM5\nM2\n";
@@ -163,7 +163,7 @@ fn a_spindle_that_stalls_behind_a_pass_raises_its_alarm() {
 }
 
 #[test]
-fn a_hold_in_a_pass_holds_behind_it_and_the_next_pass_meets_the_groove() {
+fn a_hold_in_a_pass_acts_after_it() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = lathe(&workshop);
@@ -211,7 +211,7 @@ fn a_hold_in_a_pass_holds_behind_it_and_the_next_pass_meets_the_groove() {
 }
 
 #[test]
-fn what_cannot_be_cut_is_refused_before_anything_moves() {
+fn impossible_threads_are_rejected_before_motion() {
     let workshop = Workshop::new();
     let machine = lathe(&workshop);
     let refused = |text: &str, told: &[&str]| {
@@ -343,7 +343,7 @@ fn imagine(workshop: &Workshop, program: &str) -> PathBuf {
 }
 
 #[test]
-fn with_the_virtual_clock_every_pass_lies_in_the_same_groove() {
+fn virtual_clock_passes_share_a_groove() {
     for (rpm, pitch) in [(200, 2.0), (1237, 1.5)] {
         let workshop = Workshop::new();
         let program = format!(
@@ -364,7 +364,7 @@ fn with_the_virtual_clock_every_pass_lies_in_the_same_groove() {
 }
 
 #[test]
-fn with_the_virtual_clock_starts_and_taps_keep_their_angle() {
+fn virtual_clock_starts_and_taps_keep_their_angle() {
     let workshop = Workshop::new();
     // Counter-clockwise.
     let program = "G21 G18 G90 G8\nS600 M4\nG0 X15 Z5\nG33 Z-15 K2\nG0 X20\nG0 Z5\nG0 X15\n\

@@ -142,7 +142,7 @@ fn names_tool(operator: &mut Operator, tool: u32) {
 }
 
 #[test]
-fn tools_go_from_pocket_to_pocket_and_a_restart_knows_them() {
+fn tools_move_between_pockets_and_survive_a_restart() {
     unless_disturbed(|| {
         let shop = Shop::new("tch-swap");
         let trace = shop.workshop.path("swap.mcap");
@@ -209,7 +209,7 @@ fn tools_go_from_pocket_to_pocket_and_a_restart_knows_them() {
 }
 
 #[test]
-fn a_power_cut_in_a_change_leaves_a_tool_that_has_to_be_named() {
+fn a_power_cut_in_a_change_leaves_the_tool_unknown() {
     unless_disturbed(|| {
         let shop = Shop::new("tch-cut");
         let served = shop.serves(&[]);
@@ -266,7 +266,7 @@ fn a_power_cut_in_a_change_leaves_a_tool_that_has_to_be_named() {
 }
 
 #[test]
-fn holds_go_on_and_stops_and_failures_leave_the_tool_unknown() {
+fn stops_and_failures_in_a_change_lose_the_tool() {
     unless_disturbed(|| {
         let shop = Shop::new("tch-stop");
         let served = shop.serves(&[]);

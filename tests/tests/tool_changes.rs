@@ -311,7 +311,7 @@ M2
 ";
 
 #[test]
-fn outputs_change_between_the_motion_before_and_the_next() {
+fn outputs_change_between_two_motions() {
     unless_disturbed(|| {
         let scene = Scene::new("tc-outputs");
         let program = scene.workshop.write("switches.ngc", SWITCHES);
@@ -379,7 +379,7 @@ fn no_status_in_motion_has_the_outputs_of_before() {
 }
 
 #[test]
-fn mdi_leaves_spindle_and_coolant_until_told_otherwise() {
+fn mdi_keeps_spindle_and_coolant_until_switched() {
     unless_disturbed(|| {
         let scene = Scene::new("tc-mdi");
         let mut operator = scene.operator();
@@ -462,7 +462,7 @@ fn a_run_says_on_the_bus_what_spindle_and_coolant_do() {
 
 /// A subroutine has the same moves and outputs with either clock.
 #[test]
-fn a_change_by_a_subroutine_is_carried_out_in_virtual_time_too() {
+fn a_subroutine_tool_change_runs_in_virtual_time() {
     let workshop = Workshop::new();
     let _file = workshop.write("toolchange.ngc", "G21 G90 G53 G0 X50\nG53 G0 X0\n");
     let _file = workshop.write("tools.tbl", "T4 P4\n");

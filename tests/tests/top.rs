@@ -26,7 +26,7 @@ fn lines(seen: &Value) -> Vec<&str> {
 }
 
 #[test]
-fn the_screen_of_a_machine_fits_its_terminal_and_gives_it_back_by_key_and_by_signal() {
+fn top_fits_the_terminal_and_restores_it() {
     unless_disturbed(|| {
         let scene = Scene::new("on-screen");
         let mut operator = scene.operator();

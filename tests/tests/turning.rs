@@ -44,7 +44,7 @@ fn scene(workshop: &Workshop, name: &str) -> (PathBuf, PathBuf) {
 }
 
 #[test]
-fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
+fn a_cycle_adapts_its_passes_to_the_measured_load() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let (machine, process) = scene(&workshop, "turn-real");
@@ -96,7 +96,7 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
 }
 
 #[test]
-fn a_program_that_needs_a_load_does_not_move_without_one() {
+fn a_program_without_its_load_does_not_move() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let (machine, process) = scene(&workshop, "turn-none");
@@ -221,7 +221,7 @@ fn a_drive_that_fails_ends_the_run_that_cuts_with_it() {
 /// Without setpoints the drives brake and hold, and a core that resumes at another position is no longer
 /// followed.
 #[test]
-fn drives_that_have_stopped_while_the_core_was_suspended_end_the_run() {
+fn drives_stopped_during_a_suspension_end_the_run() {
     unless_disturbed(|| {
         let name = "turn-silent";
         let (summary, said) = long_cut(name, &[], |domain, run| {
@@ -350,7 +350,7 @@ fn stands_after_the_last_reading(seen: &[Cycle]) -> (usize, f64) {
 }
 
 #[test]
-fn adaptive_feed_holds_the_load_that_simulated_drives_measure() {
+fn adaptive_feed_holds_the_measured_load() {
     unless_disturbed(|| {
         let scene = AdaptiveRun::start("adapt-real");
         let (finished, seen, _workshop) = scene.finish();
@@ -391,7 +391,7 @@ fn adaptive_feed_holds_the_load_that_simulated_drives_measure() {
 }
 
 #[test]
-fn adaptive_feed_stands_within_a_revolution_of_the_last_reading_and_says_why() {
+fn adaptive_feed_stops_soon_after_the_last_reading() {
     unless_disturbed(|| {
         let name = "adapt-lost";
         let mut scene = AdaptiveRun::start(name);
@@ -517,7 +517,7 @@ const LONGITUDINAL: &str =
 const FACING: &str = "G21 G18 G90 G94 G8\nS100 M3\nG0 X38\nG0 Z299.5\nG0 X30\nF200\nG75 X52 Z296 Q1\nM2\n";
 
 #[test]
-fn served_cycles_that_find_their_passes_are_held_and_go_on() {
+fn served_load_adaptive_cycles_are_held_and_resumed() {
     unless_disturbed(|| {
         for (name, kind, program, axis, place_mm) in [
             ("turn-served", "longitudinal", LONGITUDINAL, 2, 298.5),
@@ -541,7 +541,7 @@ fn served_cycles_that_find_their_passes_are_held_and_go_on() {
 }
 
 #[test]
-fn a_served_cycle_whose_sensor_dies_stands_within_a_revolution_and_says_why() {
+fn a_served_cycle_stops_soon_after_its_sensor_fails() {
     unless_disturbed(|| {
         let mut scene = ServedLathe::start("turn-blind", "longitudinal", LONGITUDINAL);
         scene.ctl(&["start"]);

@@ -50,7 +50,7 @@ fn notices(trace: &Path) -> Vec<String> {
 }
 
 #[test]
-fn both_turn_and_the_named_one_threads_and_stops_at_its_angle() {
+fn the_named_one_of_two_spindles_threads_and_orients() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
         let program = "G21 G18 G90 G8\nS300 M3\nS900 M3 $1\nG0 X15 Z5\nG33 Z-15 K2 $1\nG0 X20\nM19 R90 $1\n\

@@ -83,7 +83,7 @@ fn ends(way: &str, program: &str) -> Vec<f64> {
 }
 
 #[test]
-fn g90_takes_the_shorter_way_g91_what_is_written_and_rapids_and_feeds_alike() {
+fn g90_takes_the_shorter_way_and_g91_the_full_way() {
     let program = "G61 F36000\nG0 C350\nG1 C10\nG0 C190\nG0 C0\nG91 G1 C725\nG90 G0 C0\nG53 G0 C-90\n\
                    G10 L2 P1 C30\nG0 C0\nM2\n";
     let ends = ends("shorter", program);
@@ -95,7 +95,7 @@ fn g90_takes_the_shorter_way_g91_what_is_written_and_rapids_and_feeds_alike() {
 }
 
 #[test]
-fn by_sign_the_word_says_which_way_and_a_whole_turn_is_an_error() {
+fn the_sign_gives_the_direction_and_full_turns_fail() {
     let program = "G61\nG0 C350\nG0 C10\nG0 C-350\nG0 C-0\nG0 C0\nG0 C-90\nG0 C90\nM2\n";
     let ends = ends("sign", program);
     let different: Vec<f64> = ends.iter().copied().fold(Vec::new(), |mut kept, end| {
@@ -233,7 +233,7 @@ fn a_served_table_turns_without_an_end() {
 
 /// The next jog comes when whole turns are removed: it begins in the new coordinates.
 #[test]
-fn a_jog_right_behind_a_long_turn_begins_where_the_axis_is() {
+fn a_jog_after_many_turns_starts_at_the_axis_position() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let name = "table-next";

@@ -280,7 +280,7 @@ fn settings_that_are_pipes_or_hang_are_wrong_usage() {
 }
 
 #[test]
-fn pipes_as_machine_file_or_tool_table_are_wrong_usage() {
+fn pipes_as_machine_file_or_tool_table_are_rejected() {
     let workshop = Workshop::new();
     let program = workshop.write("part.ngc", "G0 X1\nM2\n");
     let machine = workshop.mill("plain", &[]);

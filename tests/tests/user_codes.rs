@@ -63,7 +63,7 @@ fn is_sleeping(process: &str) -> bool {
 }
 
 #[test]
-fn a_run_carries_a_command_out_at_rest_and_goes_on_when_it_is_done() {
+fn a_run_executes_a_user_command_at_rest() {
     unless_disturbed(|| {
         let (domain, shop) = (
             Domain::new(),
@@ -102,7 +102,7 @@ fn a_run_carries_a_command_out_at_rest_and_goes_on_when_it_is_done() {
 }
 
 #[test]
-fn a_command_that_fails_hangs_is_killed_or_missing_stops_the_run_with_its_alarm() {
+fn a_failed_user_command_stops_with_its_alarm() {
     unless_disturbed(|| {
         for (name, script, timeout_s, said) in [
             ("uc-fails", "echo said; exit 3", PATIENCE_S, "exit code 3"),
@@ -170,7 +170,7 @@ fn where_time_is_not_real_no_command_is_carried_out() {
 }
 
 #[test]
-fn a_served_machine_waits_for_a_command_and_for_nothing_else_and_a_stop_ends_it() {
+fn a_served_user_command_is_ended_only_by_a_stop() {
     unless_disturbed(|| {
         let (domain, shop) = (
             Domain::new(),

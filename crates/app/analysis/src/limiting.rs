@@ -303,7 +303,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_feed_word_comes_first_even_where_an_axis_is_at_its_limit() {
+    fn feed_word_takes_precedence_over_an_axis_limit() {
         let fast = moving([500.0, 0.0, 0.0], [0.0; 3], [0.0; 3]);
         assert_eq!(limiting(&fast, Some(500.0)), Limiting::Feed);
         // The same on a rapid, which has no feed word.
@@ -339,7 +339,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_chord_error_limits_where_the_sagitta_of_a_period_is_all_that_is_permitted() {
+    fn chord_error_limits_at_the_permitted_sagitta() {
         // Geometry: on radius R a chord of v/f misses by R - sqrt(R^2 - (v/2f)^2); 1 um is permitted.
         for (radius, planner) in [
             (1.0_f64, PlannerKind::Optimal),
@@ -386,7 +386,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_first_setpoint_from_rest_is_limited_by_jerk_not_standing() {
+    fn first_setpoint_from_rest_is_limited_by_jerk() {
         let start = moving([1e-4, 0.0, 0.0], [0.2, 0.0, 0.0], [200_000.0, 0.0, 0.0]);
         assert_eq!(
             limiting(&start, Some(100.0)),

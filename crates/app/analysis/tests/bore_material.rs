@@ -272,7 +272,7 @@ fn finishing_moves_down_only_where_roughing_has_cut() {
 }
 
 #[test]
-fn finishing_that_would_leave_a_ring_or_move_down_into_material_says_what_to_give() {
+fn bad_finishing_moves_are_refused_with_a_remedy() {
     let mut request = random_request(&mut Random::from_state(1));
     (request.hole_mm, request.tool_mm) = (100.0, 10.0);
     let with = |allowance_mm: f64, start: [f64; 2], rough: HoleStart| {
@@ -315,7 +315,7 @@ fn finishing_that_would_leave_a_ring_or_move_down_into_material_says_what_to_giv
 }
 
 #[test]
-fn a_circle_that_no_program_can_have_is_refused_with_its_radius() {
+fn a_circle_below_the_least_radius_is_refused() {
     let mut request = random_request(&mut Random::from_state(1));
     (request.hole_mm, request.tool_mm, request.finishing) = (20.001, 20.0, None);
     let with = |hole_mm: f64, allowance_mm: f64| {

@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn the_program_read_back_gives_the_planned_path_to_a_nanometre_and_less() {
+    fn written_program_matches_plan_within_a_nanometre() {
         for options in [
             "",
             "--conventional",
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn the_example_of_the_documents_is_what_its_command_writes() {
+    fn documented_command_writes_the_shipped_program() {
         let options = format!("{BORE_200} --depth 8 --feed 9000 --plunge-feed 600 --spindle 8000");
         assert_eq!(
             program(&options).unwrap(),
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn comments_have_no_parentheses_inside_and_lines_stay_short() {
+    fn lines_are_short_and_comments_do_not_nest() {
         for line in program(BORE_200).unwrap().lines() {
             assert!(line.len() <= 200 && line.is_ascii());
             assert_eq!(
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn the_impossible_is_refused_with_its_numbers_and_nothing_is_written() {
+    fn impossible_holes_are_refused_before_writing() {
         for (options, expected) in [
             (
                 "--hole 30 --tool 40 --pitch 4",

@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_is_done_or_stopped_by_this_command_is_a_success() {
+    fn only_done_or_own_stop_counts_as_success() {
         assert!(told(JobResult::Done, 2, false).is_ok());
         assert!(told(JobResult::Stopped, 2, true).is_ok());
         let stopped = told(JobResult::Stopped, 2, false).unwrap_err();

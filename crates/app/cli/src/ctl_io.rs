@@ -417,7 +417,7 @@ number = 63
     }
 
     #[test]
-    fn signals_have_names_and_those_without_a_value_are_unknown() {
+    fn signals_are_named_and_unknown_without_a_value() {
         let outputs = MachineOutputs {
             digital_mask: 1 << 63,
             digital: 1 << 63,
@@ -486,7 +486,7 @@ number = 63
     }
 
     #[test]
-    fn what_the_core_discards_is_unknown_and_the_reason_is_shown() {
+    fn discarded_inputs_are_unknown_with_their_reason() {
         let settings = settings();
         let good = MachineInputs {
             digital_mask: 1 << 3,

@@ -414,7 +414,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_spindle_has_its_command_its_speed_and_its_override() {
+    fn each_spindle_shows_command_speed_and_override() {
         let mut status = Status {
             spindle_rpm: 250.0,
             ..Status::default()
@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn x_of_a_lathe_in_g7_is_a_diameter_as_text_and_a_radius_in_json() {
+    fn g7_shows_x_as_diameter_in_text_and_radius_in_json() {
         let mut status = Status::default();
         status.position_machine[0] = -12.5;
         status.position_work[0] = 20.25;
@@ -471,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn a_status_is_told_whole_and_by_the_letters_of_the_axes() {
+    fn a_status_is_complete_and_keyed_by_axis_letter() {
         let mut status = Status {
             machine_state: 2,
             mode: 1,

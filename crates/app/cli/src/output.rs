@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_that_goes_is_no_error_and_a_full_disk_is_one() {
+    fn a_broken_pipe_is_no_error_but_a_full_disk_is() {
         let mut output = Output::new(Head(4, ErrorKind::BrokenPipe));
         for _ in 0..3 {
             assert!(writeln!(output, "abc").is_ok());

@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_screen_without_an_address_is_for_this_computer_only() {
+    fn a_screen_without_an_address_binds_to_loopback() {
         assert!(!parse(&[]).unwrap().is_wanted());
         let address = parse(&["--screen"]).unwrap().address.unwrap();
         assert!(address.ip().is_loopback(), "{address}");

@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_has_no_more_rows_and_columns_than_the_terminal() {
+    fn a_picture_is_clipped_to_the_terminal_size() {
         let text = "\x1b[1mabcdef\x1b[0m\nsecond\nthird\n";
         assert_eq!(
             frame(text, 2, 4),

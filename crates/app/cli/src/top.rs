@@ -471,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn the_picture_names_state_axes_feed_and_what_is_wrong() {
+    fn a_picture_shows_state_axes_feed_and_faults() {
         let mut status = status();
         status.switches =
             switches::CHAIN_OPEN | switches::INPUT_WAIT | switches::PROBE_TRIPPED | switches::TOOL_UNKNOWN;

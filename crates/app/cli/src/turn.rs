@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worked_example_comes_to_size_within_its_load_and_saves_time() {
+    fn worked_example_reaches_size_within_load_and_faster() {
         let folder = tempfile::tempdir().unwrap();
         let (report, program) = (folder.path().join("turn.html"), folder.path().join("turn.ngc"));
         let args = TurnArgs {
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn an_output_over_the_job_is_refused_before_anything_is_cut() {
+    fn an_output_over_the_job_file_is_refused_first() {
         let folder = tempfile::tempdir().unwrap();
         let job = folder.path().join("job.toml");
         let text = std::fs::read(shipped("processes/turn-shaft.toml")).unwrap();
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_job_is_told_with_file_line_and_key() {
+    fn errors_in_a_job_name_file_line_and_key() {
         let good = std::fs::read_to_string(shipped("processes/turn-shaft.toml")).unwrap();
         let folder = tempfile::tempdir().unwrap();
         for (from, to, expected) in [
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn a_law_with_a_falling_section_is_taken_as_its_power_law_and_the_difference_is_told() {
+    fn a_falling_force_law_is_fitted_by_a_power_law() {
         let good = std::fs::read_to_string(shipped("processes/turn-shaft.toml")).unwrap();
         let from = good.find("\ncoefficient_n").unwrap();
         let to = good.find("[load]").unwrap();

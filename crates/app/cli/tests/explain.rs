@@ -58,7 +58,7 @@ fn a_line_without_motion_names_the_nearest_ones() {
 }
 
 #[test]
-fn a_long_line_at_its_feed_is_limited_by_its_feed_word() {
+fn a_long_line_is_limited_by_its_feed_word() {
     // 100 mm at 600 mm/min take 10 s; acceleration and deceleration take some hundredths.
     let json = explained("G1 X100 F600\nM2\n", 1);
     assert!((json["time_s"].as_f64().unwrap() - 10.0).abs() < 0.2);
@@ -72,7 +72,7 @@ fn a_long_line_at_its_feed_is_limited_by_its_feed_word() {
 /// A threading pass, which the cycle drives synchronously with the spindle, has no block. The lines after it
 /// have their own feed words.
 #[test]
-fn lines_after_threads_are_compared_with_their_own_feed_words() {
+fn lines_after_threads_use_their_own_feed_words() {
     let folder = tempfile::tempdir().unwrap();
     let lathe = std::fs::read_to_string(Path::new(MACHINE).with_file_name("lathe-2axis.toml")).unwrap();
     let spindle = "\n[[spindle]]\nmax_rpm = 4000\nfeedback = true\nacceleration_rpm_s = 2000\n";
@@ -102,7 +102,7 @@ fn lines_after_threads_are_compared_with_their_own_feed_words() {
 }
 
 #[test]
-fn a_short_rapid_is_limited_by_the_jerk_of_its_axis_and_twice_of_it_helps_by_the_cube_root() {
+fn a_short_rapid_gains_the_cube_root_of_more_jerk() {
     // 1 mm from rest to rest with J alone takes (32 d / J)^(1/3): 86.2 ms, and 68.4 ms with 2 J.
     let json = explained("G0 X1\nM2\n", 1);
     let time = |d: f64, j: f64| (32.0 * d / j).cbrt();
@@ -114,7 +114,7 @@ fn a_short_rapid_is_limited_by_the_jerk_of_its_axis_and_twice_of_it_helps_by_the
 }
 
 #[test]
-fn an_exact_corner_is_named_with_its_angle_and_the_line_behind_it() {
+fn an_exact_corner_is_named_with_angle_and_next_line() {
     let json = explained("G61 G1 X50 F6000\nG1 X50 Y50\nM2\n", 1);
     let reasons = joined(&json["reasons"]);
     assert!(
@@ -157,7 +157,7 @@ fn a_tight_arc_is_limited_by_what_its_curvature_costs() {
 }
 
 #[test]
-fn outputs_do_not_overwrite_the_program_or_the_machine_whatever_the_link() {
+fn outputs_never_overwrite_inputs_even_through_links() {
     let folder = tempfile::tempdir().unwrap();
     let text = "G1 X1 F600\nM2\n";
     std::fs::write(folder.path().join("part.ngc"), text).unwrap();

@@ -101,7 +101,7 @@ fn json(output: &Output) -> Value {
 }
 
 #[test]
-fn program_stops_in_a_row_are_passed_in_the_same_cycles_each_time() {
+fn consecutive_program_stops_take_the_same_cycles() {
     let bench = Bench::new();
     let text = "G1 X1 F600\nM0\nM0\nM60\nG1 X2\nM0\nM2\n";
     let (first, second) = (bench.plan(text), bench.plan(text));
@@ -114,7 +114,7 @@ fn program_stops_in_a_row_are_passed_in_the_same_cycles_each_time() {
 }
 
 #[test]
-fn a_program_with_an_error_is_run_up_to_it_and_has_failed() {
+fn a_program_with_an_error_runs_up_to_it_and_fails() {
     let bench = Bench::new();
     let (output, trace) = bench.run("G61\nG1 X5 F600\nG1 Y5\nG6 X1\nG1 X0\nM2\n");
     assert_eq!(output.status.code(), Some(1));
@@ -141,7 +141,7 @@ fn a_program_with_an_error_is_run_up_to_it_and_has_failed() {
 }
 
 #[test]
-fn nothing_moves_and_nothing_is_written_for_a_program_that_is_wrong_farther_down() {
+fn a_later_error_prevents_motion_and_output() {
     let bench = Bench::new();
     // An error of the machine, not of the text: it has no probe, and its travel ends.
     let program = bench.program("G61\nG1 X5 F600\nG38.2 Z-1\nG1 X9000\nM2\n");
@@ -180,7 +180,7 @@ fn nothing_moves_and_nothing_is_written_for_a_program_that_is_wrong_farther_down
 }
 
 #[test]
-fn a_program_that_makes_parts_until_it_is_stopped_can_be_checked() {
+fn an_endless_program_is_checked_up_to_its_loop() {
     let bench = Bench::new();
     let program = bench.program("G61 F60000\nG1 X1\nO1 while [1]\nG1 X0\nG1 X1\nO1 endwhile\nG6\nM2\n");
     let output = evolvent(&["check", as_str(&program), "--machine", MACHINE, "--json"]);
@@ -264,7 +264,7 @@ fn a_run_says_what_was_not_checked() {
 }
 
 #[test]
-fn blocks_last_as_long_as_planned_whatever_dwells_lie_between() {
+fn blocks_last_as_planned_despite_dwells_between() {
     let bench = Bench::new();
     let (output, trace) = bench.run("G61.1\nG4 P0.5\nG1 X5 F600\nG4 P2\nM0\nG1 Y5\nG1 X0\nG4 P1\nM2\n");
     let summary = json(&output);
@@ -363,7 +363,7 @@ fn an_output_that_is_a_device_stays_one() {
 }
 
 #[test]
-fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
+fn a_run_reads_and_saves_tools_and_parameters() {
     let bench = Bench::new();
     let text = "G43 H1\n#31 = [#31 + 1]\nG10 L2 P2 X7\nG10 L1 P1 R2\nO<lift> call [5]\nG1 X[#31] F600\n\
                 (PRINT, %d#31)\nM2\n";
@@ -439,7 +439,7 @@ fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
 }
 
 #[test]
-fn a_start_in_the_middle_is_shown_and_goes_on_as_the_whole_program() {
+fn a_mid_program_start_is_shown_and_ends_as_the_whole() {
     let bench = Bench::new();
     let program = bench.program("G61 F1200\nG0 X10 Z5\nG1 Z-1\nG1 X20\nG1 Y7\nM2\n");
     let plan = |more: &[&str]| {
@@ -536,7 +536,7 @@ fn the_machine_file_says_how_far_an_arc_may_be_off() {
 }
 
 #[test]
-fn a_stepped_replay_ends_with_a_signal_while_it_waits_for_a_line() {
+fn a_signal_ends_a_stepped_replay_that_waits() {
     use std::io::{BufRead as _, BufReader};
     let bench = Bench::new();
     let (_, trace) = bench.run("G21 G90 F1000\nG1 X10\nM2\n");
@@ -586,7 +586,7 @@ fn a_stepped_replay_ends_with_a_signal_while_it_waits_for_a_line() {
 }
 
 #[test]
-fn a_turning_job_without_its_whole_trace_ends_with_the_code_of_lost_data() {
+fn a_turning_job_with_a_partial_trace_exits_lost_data() {
     let bench = Bench::new();
     let trace = bench.path("turn.mcap");
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../config");
@@ -623,7 +623,7 @@ fn a_turning_job_without_its_whole_trace_ends_with_the_code_of_lost_data() {
 }
 
 #[test]
-fn what_is_of_no_machine_and_folders_that_do_not_exist_are_warned_of() {
+fn implausible_values_and_missing_folders_are_warned() {
     let bench = Bench::new();
     let program = bench.program("G21 G90 F9999999\nG1 X1\nX2 F8888888\nM2\n");
     let text = fs::read_to_string(MACHINE).unwrap();

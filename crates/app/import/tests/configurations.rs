@@ -24,7 +24,7 @@ fn ini_files(folder: &Path, out: &mut Vec<PathBuf>) {
 }
 
 #[test]
-fn configurations_of_linuxcnc_become_machines_or_are_refused() {
+fn linuxcnc_configurations_convert_or_are_refused() {
     let folder = std::env::var_os("EVOLVENT_LINUXCNC_CONFIGS")
         .unwrap_or_else(|| "/usr/share/doc/linuxcnc/examples/sample-configs".into());
     let mut files = Vec::new();

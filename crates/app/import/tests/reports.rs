@@ -57,7 +57,7 @@ fn dropped(import: &Import, section: &str) -> Vec<(String, String)> {
 }
 
 #[test]
-fn backlash_counts_where_the_table_of_the_screw_cannot_be_read() {
+fn backlash_is_used_if_the_screw_table_is_unreadable() {
     let folder = Folder::new("backlash");
     let missing = folder.import(INI).expect("a machine");
     assert!(
@@ -87,7 +87,7 @@ fn backlash_counts_where_the_table_of_the_screw_cannot_be_read() {
 }
 
 #[test]
-fn an_odd_line_of_a_tool_table_is_named_and_the_others_are_kept() {
+fn odd_tool_table_lines_are_named_and_the_rest_kept() {
     let folder = Folder::new("tools");
     folder.write(
         "tools.tbl",
@@ -135,7 +135,7 @@ fn an_odd_line_of_a_tool_table_is_named_and_the_others_are_kept() {
 }
 
 #[test]
-fn the_second_motor_of_a_gantry_is_told_where_it_belongs() {
+fn a_second_gantry_motor_is_directed_to_its_table() {
     let folder = Folder::new("gantry");
     let import = folder.import(INI).expect("a machine");
     let told = dropped(&import, "JOINT_2");
@@ -170,7 +170,7 @@ fn a_home_offset_that_no_machine_has_is_named() {
 }
 
 #[test]
-fn no_file_of_the_configuration_is_replaced_even_with_force() {
+fn force_does_not_replace_configuration_files() {
     let folder = Folder::new("own-folder");
     let table = "T1 P1 D0.25 Z1.5 ; inches\n";
     let parameters = "5221\t1.5\n";
@@ -218,7 +218,7 @@ fn the_machine_file_has_its_own_extension() {
 }
 
 #[test]
-fn a_latch_at_the_opening_edge_of_a_plain_switch_is_named() {
+fn a_latch_at_a_switch_opening_edge_is_named() {
     let folder = Folder::new("latch");
     folder.write("x.comp", "0 0 0\n100 0 0\n");
     let named = |ini: &str| -> Vec<String> {
@@ -262,7 +262,7 @@ fn start_of(units: &str, code: Option<&str>) -> (Vec<String>, Vec<String>) {
 }
 
 #[test]
-fn programs_start_in_the_unit_and_plane_in_which_linuxcnc_starts_them() {
+fn programs_start_in_the_unit_and_plane_of_linuxcnc() {
     let start = "start_unit = \"inch\"";
     let parameters = "parameter_unit = \"inch\"";
     for (units, code, expected) in [
@@ -289,7 +289,7 @@ fn programs_start_in_the_unit_and_plane_in_which_linuxcnc_starts_them() {
 }
 
 #[test]
-fn words_of_the_start_up_code_are_carried_over_or_named() {
+fn start_up_words_are_carried_over_or_named() {
     for (code, lost) in [
         ("G17 G20 G40 G49 G80 G90 G91.1 G94 G97 G8 G99 G64 P0.001", None),
         ("G7 G18 G21 G61", None),

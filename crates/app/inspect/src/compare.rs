@@ -572,7 +572,7 @@ mod tests {
     }
 
     #[test]
-    fn the_only_program_of_a_service_is_the_one_that_is_meant() {
+    fn the_only_program_of_a_service_is_selected() {
         let (jog, part) = ("jog or homing", "program part.ngc");
         assert_eq!(only_program(&jobs(&[])), None);
         assert_eq!(only_program(&jobs(&[jog])), Some(1));

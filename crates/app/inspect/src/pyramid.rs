@@ -138,7 +138,7 @@ mod tests {
     use evolvent_random::Random;
 
     #[test]
-    fn every_sample_lies_within_its_stretch_and_no_extreme_is_lost() {
+    fn samples_are_within_their_bin_and_extremes_are_kept() {
         let mut random = Random::seeded(0x5EED);
         let mut next = || random.bits();
         for _ in 0..40 {

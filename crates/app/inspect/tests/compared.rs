@@ -133,7 +133,7 @@ fn a_move_without_path_is_compared_at_the_end() {
 }
 
 #[test]
-fn the_trace_of_a_service_is_not_compared_as_a_whole_without_a_note() {
+fn comparing_a_whole_service_trace_adds_a_note() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let serve = |run: &mut evolvent_trace::RunInfo| {

@@ -69,7 +69,7 @@ fn probed(document: &str) -> &str {
 }
 
 #[test]
-fn the_page_needs_no_network_and_opens_with_the_verdict() {
+fn a_page_needs_no_network_and_opens_with_its_verdict() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let page = folder.path().join("run.html");
@@ -140,7 +140,7 @@ fn a_browser_draws_every_picture_and_the_tables() {
 }
 
 #[test]
-fn a_spike_of_one_cycle_in_a_long_run_is_in_the_picture() {
+fn a_one_cycle_spike_in_a_long_run_is_drawn() {
     let Some(browser) = browser() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});

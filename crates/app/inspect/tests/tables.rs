@@ -144,7 +144,7 @@ print(table.num_rows, "rows")
 
 /// An independent reader finds the same values in Parquet and CSV.
 #[test]
-fn parquet_holds_the_same_as_csv_for_a_reader_of_others() {
+fn parquet_equals_csv_for_an_independent_reader() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let mut file = TraceFile::open(&trace).expect("a trace");

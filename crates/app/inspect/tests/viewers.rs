@@ -108,7 +108,7 @@ fn layouts_name_channels_and_fields_that_exist() {
 }
 
 #[test]
-fn the_foxglove_layout_shows_every_panel_that_it_sets_up() {
+fn foxglove_layout_shows_every_configured_panel() {
     let text = std::fs::read_to_string(tools().join("viewers/foxglove.json")).expect("the layout");
     let layout: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     let mut shown = BTreeSet::new();
@@ -137,7 +137,7 @@ fn rerun() -> Option<(PathBuf, PathBuf)> {
 }
 
 #[test]
-fn rerun_checks_and_converts_a_trace_without_complaint_and_shows_it() {
+fn rerun_checks_converts_and_shows_a_trace() {
     let Some((python, rerun)) = rerun() else { return };
     let folder = tempfile::tempdir().expect("a folder");
     // One name of odd, one of even length: messages and columns.

@@ -48,7 +48,7 @@ fn read(path: &Path) -> (Vec<CycleRecord>, bool) {
 }
 
 #[test]
-fn five_hundred_flipped_bits_never_give_a_wrong_figure() {
+fn flipped_bits_never_give_a_wrong_figure() {
     let (mut random, cases) = (Random::seeded(0x00C0_FFEE), cases(500));
     let mut random = move |below: usize| random.below(below);
     // One trace is recorded as messages, the other in columns.
@@ -142,7 +142,7 @@ fn flip(name: &str, cases: usize, random: &mut impl FnMut(usize) -> usize) {
 /// Missing cycles after the last one are not motion. They used to be reported as a chord error of four times
 /// the permitted one.
 #[test]
-fn a_trace_that_was_cut_off_in_motion_keeps_what_it_has() {
+fn a_trace_cut_off_in_motion_keeps_its_cycles() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(
         folder.path(),

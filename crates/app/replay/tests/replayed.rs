@@ -94,7 +94,7 @@ fn replay_to_listener(trace: &Path, corner: &Corner, factor: f64) -> (Vec<Setpoi
 }
 
 #[test]
-fn a_listener_sees_the_recorded_setpoints_bit_for_bit_and_in_their_time() {
+fn a_listener_gets_recorded_setpoints_on_time() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let all = cycles(&trace);
@@ -273,7 +273,7 @@ fn replay_to_drives(
 }
 
 #[test]
-fn drives_that_are_on_are_moved_only_if_it_is_said_twice() {
+fn drives_with_power_move_only_with_both_options() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let corner = Corner::new();
@@ -297,7 +297,7 @@ fn drives_that_are_on_are_moved_only_if_it_is_said_twice() {
 }
 
 #[test]
-fn a_replay_that_was_kept_from_running_listens_all_the_same() {
+fn a_suspended_replay_still_listens_for_drives() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let corner = Corner::new();
@@ -311,7 +311,7 @@ fn a_replay_that_was_kept_from_running_listens_all_the_same() {
 }
 
 #[test]
-fn a_replay_ends_when_it_shall_while_it_listens_waits_or_plays() {
+fn a_replay_stops_while_listening_waiting_or_playing() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let corner = Corner::new();

@@ -75,7 +75,7 @@ fn record(folder: &Path, name: &str, clock: Clock) -> PathBuf {
 }
 
 #[test]
-fn a_run_with_inputs_outputs_and_waits_comes_out_the_same_with_either_clock() {
+fn a_run_with_signals_recomputes_with_either_clock() {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, clock) in [("virtual", Clock::Virtual), ("real", Clock::Realtime)] {
         let trace = record(folder.path(), name, clock);
@@ -95,7 +95,7 @@ fn a_run_with_inputs_outputs_and_waits_comes_out_the_same_with_either_clock() {
 }
 
 #[test]
-fn a_trace_without_its_inputs_and_outputs_differs_and_ends() {
+fn a_trace_without_its_signals_differs_and_ends() {
     let folder = tempfile::tempdir().expect("a folder");
     let trace = record(folder.path(), "whole", Clock::Virtual);
     let bare = altered(&trace, "bare", |_| {}, |_| true);

@@ -50,7 +50,7 @@ fn runs_with_the_virtual_clock_come_out_the_same() {
 }
 
 #[test]
-fn a_run_in_real_time_with_overrides_holds_and_a_stop_comes_out_the_same() {
+fn an_operated_real_time_run_recomputes_exactly() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, outcome) = record(
         folder.path(),
@@ -123,7 +123,7 @@ fn a_run_in_real_time_with_overrides_holds_and_a_stop_comes_out_the_same() {
 }
 
 #[test]
-fn the_first_cycle_block_and_quantity_that_differ_are_named() {
+fn first_differing_cycle_block_and_quantity_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let all = cycles(&trace);
@@ -185,7 +185,7 @@ fn the_first_cycle_block_and_quantity_that_differ_are_named() {
 }
 
 #[test]
-fn another_version_another_platform_and_another_machine_file_are_named_as_explanations() {
+fn version_platform_and_machine_file_explain_a_change() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let copy = altered(
@@ -212,7 +212,7 @@ fn another_version_another_platform_and_another_machine_file_are_named_as_explan
 }
 
 #[test]
-fn missing_cycles_are_counted_and_what_is_left_is_compared() {
+fn missing_cycles_are_counted_and_the_rest_compared() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, outcome) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let gap = altered(

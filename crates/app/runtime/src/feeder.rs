@@ -462,7 +462,7 @@ mod tests {
 
     /// Numbers continue from job to job of a service that runs for months.
     #[test]
-    fn numbers_that_are_used_up_end_a_program_with_an_error() {
+    fn exhausted_move_numbers_end_a_program_with_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let program = folder.path().join("turns.ngc");
         std::fs::write(
@@ -484,7 +484,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tally_of_a_long_near_optimal_plan_does_not_grow() {
+    fn a_long_time_optimal_plan_does_not_grow_the_tally() {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
         let mut machine = Machine::load(&file).unwrap();
         machine.path.planner = PlannerKind::Optimal;

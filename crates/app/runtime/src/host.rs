@@ -157,7 +157,7 @@ ERR:          0
 ";
 
     #[test]
-    fn what_came_to_a_core_is_counted_by_source_without_its_own_timer() {
+    fn interrupts_count_by_source_except_the_local_timer() {
         let after = BEFORE
             .replace("         7  ", "        27  ")
             .replace("          2   Res", "          5   Res")
@@ -189,7 +189,7 @@ ERR:          0
     }
 
     #[test]
-    fn the_last_word_about_shared_memory_counts_and_silence_means_deletion() {
+    fn last_remove_ipc_setting_wins_and_default_removes() {
         let case = |texts: &[&str]| removes(&texts.iter().map(|text| (*text).to_owned()).collect::<Vec<_>>());
         assert_eq!(case(&["[Login]\n#RemoveIPC=no\n"]), RemoveIpc::Removed);
         assert_eq!(case(&["[Login]\nRemoveIPC=no\n"]), RemoveIpc::Kept);

@@ -222,7 +222,7 @@ mod tests {
 
     /// A hold at any moment takes effect with a setpoint that is due at most a lead and two cycles later.
     #[test]
-    fn what_comes_in_counts_after_the_lead_and_two_cycles_at_most() {
+    fn inputs_act_within_the_lead_and_two_cycles() {
         let period_ns = 28_571;
         let (cycles, _) = cycles(period_ns, 90, &[0]);
         for moment_ns in (6_000_000..7_000_000).step_by(1009) {
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn late_setpoints_in_a_row_are_too_many_and_one_in_time_begins_anew() {
+    fn a_timely_setpoint_resets_the_count_of_late_ones() {
         let cycle = Cycle {
             deadline_ns: 1000,
             due_ns: 3000,

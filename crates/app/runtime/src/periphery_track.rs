@@ -163,7 +163,7 @@ mod tests {
 
     /// The publisher lags: everything is recorded before the first setpoint is published.
     #[test]
-    fn orders_that_come_before_their_setpoints_wait_for_them() {
+    fn early_orders_wait_for_their_setpoints() {
         let (orders, heard) = mpsc::channel();
         let mut track = PeripheryTrack::new(4, heard);
         let (first, planned) = mpsc::channel();

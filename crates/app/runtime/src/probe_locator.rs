@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_drives_have_latched_counts_and_the_rest_is_interpolated() {
+    fn latched_axes_take_precedence_over_interpolation() {
         let mut locator = ProbeLocator::new();
         locator.observe_feedback(&feedback(1_000_000, 1.0));
         locator.observe_feedback(&feedback(2_000_000, 3.0));
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_that_never_comes_is_not_waited_for_without_end() {
+    fn a_missing_sample_is_not_awaited_forever() {
         let mut locator = ProbeLocator::new();
         locator.observe_feedback(&feedback(1_000_000, 1.0));
         locator.observe_change(&probe(2_000_000, 0), 2_000_000);
@@ -240,7 +240,7 @@ mod tests {
 
     /// Drives report corrected positions; a program needs the position of the tool.
     #[test]
-    fn a_contact_is_where_the_tool_was_and_not_where_the_drives_were() {
+    fn a_contact_is_at_the_tool_not_at_the_drives() {
         let mut locator = ProbeLocator::new();
         for (time_ns, x, shift) in [(1_000_000, 1.0, 0.25), (2_000_000, 3.0, 0.5)] {
             let mut position = Axes::zeros();

@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_hangs_is_given_up_and_a_pipe_is_refused() {
+    fn a_hanging_file_times_out_and_a_pipe_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let hangs = || -> Result<File> {
             loop {

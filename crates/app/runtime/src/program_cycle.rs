@@ -415,7 +415,7 @@ mod tests {
     use crate::job::Clock;
 
     #[test]
-    fn a_planner_that_dies_before_its_steps_are_final_ends_the_run_with_a_fault() {
+    fn a_planner_that_dies_ends_the_run_with_a_fault() {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
         let limits = Machine::load(&file).unwrap().limits();
         let (mut producer, queue) = plan_queue(|| true);

@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_deadline_that_has_passed_returns_at_once_and_tells_how_late() {
+    fn a_past_deadline_returns_its_lateness_at_once() {
         let now_ns = MonotonicClock::now_ns();
         assert!(MonotonicClock::sleep_until(now_ns - 5_000_000) >= 5_000_000);
         assert!(MonotonicClock::sleep_until(0) >= now_ns);
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_granted_becomes_a_note_that_says_what_to_do() {
+    fn denied_realtime_requests_become_notes_with_advice() {
         for (request, word) in [
             (
                 RealtimeRequest {

@@ -305,7 +305,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_wish_to_go_on_counts_for_one_program_stop_and_none_before_it() {
+    fn each_resume_ends_only_one_pending_program_stop() {
         let controls = Controls::new(1.0);
         controls.resume();
         assert!(!controls.inputs().resume, "asked before there was a stop");

@@ -334,7 +334,7 @@ mod tests {
 
     /// Nothing has moved when the program is opened.
     #[test]
-    fn a_start_inside_a_thread_is_refused_when_the_program_is_opened() {
+    fn a_start_inside_a_thread_is_refused_on_opening() {
         let folder = tempfile::tempdir().unwrap();
         let program = folder.path().join("part.ngc");
         std::fs::write(&program, "S500 M3\nG0 Z10\nG33 Z5 K1\nG33 Z0 K1\nG0 X9\nM2\n").unwrap();
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn block_delete_counts_from_the_next_line_that_is_read() {
+    fn block_delete_applies_from_the_next_line_read() {
         let folder = tempfile::tempdir().unwrap();
         let program = folder.path().join("part.ngc");
         std::fs::write(&program, "G0 X1\n/G0 X2\nG0 X3\n/G0 X4\nG0 X5\n/G0 X6\nM2\n").unwrap();

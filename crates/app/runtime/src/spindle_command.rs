@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_speed_that_follows_the_radius_is_told_in_steps_of_a_thousandth() {
+    fn surface_speed_is_commanded_in_steps_of_0_1_percent() {
         let surface = SurfaceSpeed {
             speed_m_min: 100.0,
             max_rpm: f64::INFINITY,
@@ -236,7 +236,7 @@ mod tests {
 
     /// By definition of 500 rpm/s: half a revolution per minute each millisecond, also through zero.
     #[test]
-    fn a_ramp_changes_by_its_rate_through_zero_and_ends_at_once_without_power() {
+    fn a_ramp_keeps_its_rate_and_ends_without_power() {
         let mut commands = SpindleCommands {
             mask: 1,
             max_rpm: [3000.0; SPINDLES],

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_goes_on_until_its_ramps_have_ended_and_no_longer_than_they_can_take() {
+    fn a_run_waits_for_ramps_up_to_their_longest_time() {
         let ramp = settings(Some(1000.0));
         assert_eq!(cycles(&ramp, State::Done, 700, 2), 603);
         assert_eq!(cycles(&ramp, State::Stopped, 700, 2), 603);

@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn ripple_is_not_told_a_change_is_within_its_time_and_silence_is_none() {
+    fn the_speedometer_hides_ripple_and_follows_changes() {
         let mut meter = Speedometer::default();
         let mut told = Vec::new();
         for k in 1..=1000_u32 {

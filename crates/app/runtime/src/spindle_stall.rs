@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spindle_that_is_brought_to_a_stand_at_its_speed_is_stalled() {
+    fn a_spindle_stopped_at_speed_is_stalled() {
         for sign in [1.0, -1.0] {
             let found = stalls(|ms| {
                 let measured = if ms < 2000 {
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn speeding_up_slowing_down_reversing_and_hanging_back_are_no_stall() {
+    fn speed_changes_and_lag_are_no_stall() {
         assert_eq!(
             stalls(|ms| (3000.0, speeding_up(ms / 4, 0.0, 3000.0))),
             None,

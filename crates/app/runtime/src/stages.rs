@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn in_two_threads_the_plan_is_the_same_to_the_last_bit() {
+    fn two_threads_give_the_same_plan_bit_for_bit() {
         let (setup, one, two) = (setup(), Kept::default(), Kept::default());
         let of_one = plan(Stages::one(&setup, 0.8, one.clone()));
         let of_two = plan(Stages::two(&setup, 0.8, two.clone()).expect("a thread"));

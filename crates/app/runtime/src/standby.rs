@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn drives_that_stop_by_themselves_end_the_program_that_they_have_followed() {
+    fn drives_that_stop_following_end_the_program() {
         let controls = Controls::new(1.0);
         let mut standby = Standby::new(true, PERIOD_NS);
         controls.set_load(0.0, 100.0);

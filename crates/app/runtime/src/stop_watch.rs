@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn the_longest_stop_is_that_of_the_job_and_of_setpoints_without_gaps() {
+    fn longest_stop_is_per_job_without_gaps() {
         let mut follower = Follower::new(limits(), PERIOD_S);
         let (fast, slow) = (line(200.0, 0), line(120.0, 10_000));
         fast.iter().for_each(|setpoint| follower.push(1, setpoint));

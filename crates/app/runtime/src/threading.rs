@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stalled_pass_tells_what_to_do_where_the_tool_stands() {
+    fn a_stalled_pass_advises_by_the_tool_position() {
         // G33: the axes have stopped in the thread.
         let (_, help) = told(ThreadVerdict::Stalled, 0.01, false);
         assert!(help.starts_with("bring the tool out"), "{help}");

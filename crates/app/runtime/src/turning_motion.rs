@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn turning_cycles_in_the_plan_do_not_allocate_whatever_becomes_of_them() {
+    fn turning_cycles_do_not_allocate_however_they_end() {
         for scene in [
             Scene::HeldAndSlowed,
             Scene::Overload,

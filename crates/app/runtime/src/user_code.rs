@@ -396,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_gets_its_words_and_place_and_what_it_writes_is_told() {
+    fn a_user_code_gets_its_words_and_its_output_is_kept() {
         let (lines, result) = outcome(
             "echo \"$1 $2 $# $EVOLVENT_MACHINE_NAME $EVOLVENT_LINE\"; [ -x M101 ] && echo here >&2",
             FOREVER_S,
@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_that_fails_is_killed_or_hangs_ends_with_a_sentence_that_says_so() {
+    fn a_failed_killed_or_hung_user_code_is_explained() {
         for (script, timeout_s, said) in [
             ("exit 3", FOREVER_S, "exit code 3"),
             ("kill -9 $$", FOREVER_S, "killed by signal 9"),
@@ -445,14 +445,14 @@ mod tests {
     }
 
     #[test]
-    fn what_runs_on_in_the_background_does_not_hold_the_program_up() {
+    fn background_processes_do_not_delay_the_program() {
         let (_, result, took) = timed_outcome("sleep 30 & exit 0", 25.0, false);
         assert_eq!(result, Ok(()));
         assert!(took < Duration::from_secs(20), "{took:?}");
     }
 
     #[test]
-    fn what_a_program_writes_last_is_told_although_the_pipe_stays_open() {
+    fn last_output_is_kept_although_the_pipe_stays_open() {
         let script = "sleep 30 & seq 3000; printf 'no end of line'";
         let (lines, result) = outcome(script, FOREVER_S, false);
         assert_eq!(result, Ok(()));

@@ -70,7 +70,7 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
 }
 
 #[test]
-fn the_load_is_held_the_limits_too_and_rapids_are_left_alone() {
+fn load_and_limits_are_kept_and_rapids_not_scaled() {
     let (seen, outcome, _) = run_with(1e9);
     assert_eq!(outcome.fault, None);
     let summary = &outcome.summary;
@@ -104,7 +104,7 @@ fn the_load_is_held_the_limits_too_and_rapids_are_left_alone() {
 }
 
 #[test]
-fn a_sensor_that_falls_silent_stops_the_run_within_a_turn_with_its_alarm() {
+fn a_silent_sensor_stops_the_run_within_a_turn() {
     let (seen, outcome, period_s) = run_with(70.0);
     assert_eq!(outcome.summary.alarm, Some(501));
     assert!(outcome.fault.is_some_and(|text| text.contains("load sensor")));

@@ -61,7 +61,7 @@ fn feed_at(setpoints: &[Setpoint], x: f64) -> f64 {
 const PLANNERS: [PlannerKind; 2] = [PlannerKind::Classic, PlannerKind::Optimal];
 
 #[test]
-fn without_feed_override_the_programmed_feed_is_driven_from_the_block_on_and_until_it_counts_again() {
+fn m49_and_m50_ignore_the_override_from_their_blocks() {
     let program = "G21 G90 G94\nG1 X20 F1200\nM49\nX40\nM48\nX60\nM50 P0\nX80\nM51 P0\nX100\nM2\n";
     for planner in PLANNERS {
         let (setpoints, outcome) = drive(program, planner, |_, _| {});
@@ -112,7 +112,7 @@ fn a_hold_waits_until_it_counts_and_a_stop_does_not() {
 }
 
 #[test]
-fn a_floating_tap_is_driven_at_its_feed_and_is_not_held() {
+fn floating_taps_ignore_holds_and_overrides() {
     let program = "G21 G90 G94 F600 S400 M3\nG0 Z-10\nG84 X0 Z-30 R-12\nG80\nG1 X20\nM2\n";
     for planner in PLANNERS {
         let (setpoints, outcome) = drive(program, planner, |controls, setpoint| match setpoint.state {

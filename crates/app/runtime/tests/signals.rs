@@ -182,7 +182,7 @@ fn done(program: &str, inputs: &str) -> Ran {
 }
 
 #[test]
-fn synchronised_outputs_change_with_the_first_setpoint_of_the_next_move() {
+fn synchronized_outputs_change_with_the_next_move() {
     for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
         for rate in [250.0, 1000.0, 7919.0, 35_000.0] {
             let program = "G21 F3000\nM62 P0\nG61.1 G1 X3\nM62 P1\nM67 E0 Q40\nG1 X5\nM63 P0\nM67 E0 Q50\n\
@@ -205,7 +205,7 @@ fn synchronised_outputs_change_with_the_first_setpoint_of_the_next_move() {
 }
 
 #[test]
-fn in_a_smooth_path_the_output_changes_where_the_block_begins_and_the_feed_goes_on() {
+fn an_output_changes_at_its_block_without_slowing() {
     let lines: String = (1..40)
         .map(|k| format!("M6{} P0\nG1 X{}\n", 2 + (k + 1) % 2, k))
         .collect();
@@ -229,7 +229,7 @@ fn in_a_smooth_path_the_output_changes_where_the_block_begins_and_the_feed_goes_
 }
 
 #[test]
-fn immediate_outputs_change_at_rest_in_the_order_of_the_program() {
+fn immediate_outputs_change_at_rest_in_program_order() {
     let ran = done(
         "G21 G64 F3000\nG1 X2\nM64 P0\nG1 X4\nM68 E0 Q7\nM65 P0\nM65 P2\nG4 P0.1\nM64 P1\nG1 X5\nM2\n",
         "",
@@ -260,7 +260,7 @@ fn an_output_before_no_move_does_not_change() {
 }
 
 #[test]
-fn waits_end_by_what_they_wait_for_and_their_result_steers_the_program() {
+fn waits_end_on_their_edge_or_level_and_set_5399() {
     // Each case: the word L, changes of the input, and the X that shows #5399.
     let on = |at: f64| format!("[[change]]\ninput = \"ready\"\non = true\nat_s = {at}\n");
     let off = |at: f64| format!("[[change]]\ninput = \"ready\"\non = false\nat_s = {at}\n");
@@ -298,7 +298,7 @@ fn waits_end_by_what_they_wait_for_and_their_result_steers_the_program() {
 }
 
 #[test]
-fn an_analog_input_is_read_and_waits_follow_one_another() {
+fn analog_inputs_are_read_and_consecutive_waits_work() {
     let inputs = "[[change]]\ninput = \"pressure\"\nvalue = 2.5\n[[change]]\ninput = \"pressure\"\n\
                   value = 7.25\nat_s = 0.3\n[[change]]\ninput = \"ready\"\non = true\nat_s = 1\n[[change]]\n\
                   input = \"ready\"\non = false\nat_s = 1.2\n";
@@ -312,7 +312,7 @@ fn an_analog_input_is_read_and_waits_follow_one_another() {
 }
 
 #[test]
-fn a_run_with_signals_is_the_same_each_time_and_with_either_planner_it_ends() {
+fn a_run_with_signals_repeats_with_either_planner() {
     let inputs = "[[change]]\ninput = \"ready\"\non = true\nat_path_mm = 5\n[[change]]\ninput = \"ready\"\n\
                   on = false\nat_line = 6\n";
     let program =
@@ -327,7 +327,7 @@ fn a_run_with_signals_is_the_same_each_time_and_with_either_planner_it_ends() {
 }
 
 #[test]
-fn outputs_follow_their_rules_in_a_hold_a_stop_and_at_the_end() {
+fn outputs_keep_their_rules_in_holds_stops_and_at_end() {
     let program = "G21 F3000\nM64 P0\nM64 P1\nM65 P2\nM68 E0 Q50\nG1 X100\nM2\n";
     let hold = |controls: &Controls, setpoint: &Setpoint| {
         if setpoint.path_mm > 20.0 && setpoint.state == State::Running {
@@ -426,7 +426,7 @@ fn an_open_chain_stops_and_makes_every_output_safe() {
 }
 
 #[test]
-fn what_the_machine_lacks_is_an_error_before_anything_moves() {
+fn missing_signals_are_an_error_before_motion() {
     for (line, part) in [
         ("M62 P7", "no digital output 7"),
         ("M65 P63", "no digital output 63"),
@@ -495,7 +495,7 @@ fn random_program(random: &mut Random) -> (String, Vec<(f64, u32, f64)>) {
 }
 
 #[test]
-fn in_random_programs_every_synchronised_output_changes_with_the_first_setpoint_of_its_move() {
+fn random_synchronized_outputs_change_with_their_move() {
     let (mut changes, mut runs) = (0, 0);
     for seed in 1..=40_u64 {
         let mut random = Random::mixed(seed);
@@ -547,7 +547,7 @@ fn probes(program: &str, inputs: &str, planner: PlannerKind, rate: f64) -> Ran {
 }
 
 #[test]
-fn a_program_goes_on_from_where_the_probe_has_stopped_and_knows_where_it_tripped() {
+fn a_program_continues_from_the_probe_contact() {
     for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
         for rate in [250.0, 1000.0, 35_000.0] {
             let trip = "[[change]]\ninput = \"probe\"\non = true\nat_s = 0.5\n";
@@ -576,7 +576,7 @@ fn a_program_goes_on_from_where_the_probe_has_stopped_and_knows_where_it_tripped
 }
 
 #[test]
-fn without_contact_a_probing_move_that_must_make_it_is_an_error_with_its_line() {
+fn g38_2_without_contact_is_an_error_with_its_line() {
     let open = "[[change]]\ninput = \"probe\"\non = false\n";
     let ran = probes(PROBING, open, PlannerKind::Optimal, 1000.0);
     assert_eq!(ran.outcome.summary.outcome, Outcome::Failed);
@@ -603,7 +603,7 @@ fn without_contact_a_probing_move_that_must_make_it_is_an_error_with_its_line() 
 }
 
 #[test]
-fn where_nobody_says_anything_of_the_probe_the_move_goes_to_its_end() {
+fn an_unknown_probe_does_not_end_the_move() {
     let ran = probes(PROBING, "", PlannerKind::Optimal, 1000.0);
     assert_eq!(
         ran.outcome.summary.outcome,

@@ -152,7 +152,7 @@ fn drive(
 }
 
 #[test]
-fn outputs_go_out_with_the_setpoint_from_which_they_count_and_inputs_come_in() {
+fn the_bus_carries_outputs_with_setpoints_and_inputs() {
     unless_disturbed(|| {
         let program =
             "G21 F3000\nM63 P0\nM67 E3 Q2.5\nG1 X5\nM66 P2 L3 Q20\nM64 P0\nG1 X[10 + #5399]\nG4 P0.5\nM2\n";
@@ -191,7 +191,7 @@ fn outputs_go_out_with_the_setpoint_from_which_they_count_and_inputs_come_in() {
 }
 
 #[test]
-fn an_open_chain_and_a_bridge_that_falls_silent_stop_the_run() {
+fn an_open_chain_or_a_silent_bridge_stops_the_run() {
     unless_disturbed(|| {
         for silent in [false, true] {
             let program = "G21 F3000\nM63 P0\nM67 E3 Q9\nG1 X300\nM2\n";

@@ -50,7 +50,7 @@ fn turn(program: &str, planner: PlannerKind) -> Vec<Setpoint> {
 const PLANNERS: [PlannerKind; 2] = [PlannerKind::Classic, PlannerKind::Optimal];
 
 #[test]
-fn a_face_is_driven_with_the_same_feed_per_revolution_while_the_speed_rises() {
+fn facing_keeps_feed_per_revolution_as_speed_rises() {
     let program = "G21 G18 G8 G90 G95\nG0 X60 Z5\nG96 S100 D1200 M3\nG1 Z0 F0.25\nX8\nG0 Z5\nM5\nM2\n";
     for planner in PLANNERS {
         let setpoints = turn(program, planner);

@@ -116,7 +116,7 @@ fn largest_load(program: &str, process: &TurningJob) -> (f64, f64) {
 }
 
 #[test]
-fn a_shoulder_within_the_stock_overloads_neither_the_passes_nor_the_finishing_pass() {
+fn a_shoulder_within_the_stock_overloads_no_pass() {
     for (words, heights) in [
         ("X60 Z280", [3.0, 5.0, 7.0, 9.0]),
         ("X60 Z280 H0.3", [3.0, 5.0, 7.0, 9.0]),
@@ -143,7 +143,7 @@ fn a_shoulder_within_the_stock_overloads_neither_the_passes_nor_the_finishing_pa
 }
 
 #[test]
-fn facing_leaves_a_shoulder_or_goes_to_the_axis_without_overload() {
+fn facing_to_a_shoulder_or_the_axis_never_overloads() {
     // End diameters. At 0 there is nothing behind the end; at 4 the axis comes before the end of the wall.
     for (end, allowance) in [
         (20.0, 0.0),
@@ -180,7 +180,7 @@ fn facing_leaves_a_shoulder_or_goes_to_the_axis_without_overload() {
 }
 
 #[test]
-fn the_program_goes_on_behind_a_cycle_that_has_found_its_passes_and_the_same_bits_come_twice() {
+fn a_program_continues_after_a_cycle_reproducibly() {
     for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
         let mut here = setup(Some(process()));
         here.machine.path.planner = planner;
@@ -219,7 +219,7 @@ fn the_program_goes_on_behind_a_cycle_that_has_found_its_passes_and_the_same_bit
 }
 
 #[test]
-fn a_cone_behind_the_cylinder_is_at_size_and_the_finishing_pass_takes_the_rest() {
+fn a_cone_after_the_cylinder_is_finished_to_size() {
     // 30 degrees from a radius of 30 mm at Z268 outwards, to beyond the stock.
     let (end_z, end_x) = (250.0, 30.0 + 18.0 * 30.0_f64.to_radians().tan());
     let program = PROGRAM.replace("Z260 H0.3", &format!("Z268 R{:.6} L{end_z} H0.3", 2.0 * end_x));
@@ -257,7 +257,7 @@ fn a_cone_behind_the_cylinder_is_at_size_and_the_finishing_pass_takes_the_rest()
 }
 
 #[test]
-fn hold_override_and_stop_reach_the_cycle_wherever_it_is() {
+fn hold_override_and_stop_reach_the_turning_cycle() {
     let (whole, _) = drive(PROGRAM, setup(Some(process())), |_, _, _| {});
     let first = whole.iter().position(|look| look.turning.is_some()).unwrap() as u64;
     let last = whole.iter().rposition(|look| look.turning.is_some()).unwrap() as u64;
@@ -294,7 +294,7 @@ fn hold_override_and_stop_reach_the_cycle_wherever_it_is() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused_at_its_line_before_anything_moves() {
+fn bad_cycles_are_refused_at_their_line_before_motion() {
     let refused = |program: &str, process: Option<TurningJob>| {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("turn.ngc");
@@ -344,7 +344,7 @@ fn facing_to_the_axis_is_accepted_with_any_offset() {
 }
 
 #[test]
-fn a_load_that_does_not_come_stops_the_run_with_the_alarm_of_the_sensor() {
+fn a_missing_load_stops_the_run_with_the_sensor_alarm() {
     let mut silent = process();
     silent.blank = None;
     let (looks, outcome) = drive(PROGRAM, setup(Some(silent)), |_, _, _| {});

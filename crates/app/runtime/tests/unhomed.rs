@@ -46,7 +46,7 @@ fn is_of(found: &[String], line: u32, axis: char) {
 }
 
 #[test]
-fn an_axis_that_is_not_homed_may_stand_outside_its_travel() {
+fn an_unhomed_axis_may_be_outside_its_travel() {
     let goes_in = "G0 X10\nX20 Y5\nM2\n";
     is_of(&errors(0, goes_in), 1, 'X');
     assert_eq!(errors(0b001, goes_in), [] as [&str; 0]);
@@ -66,7 +66,7 @@ fn where_the_program_sends_it_is_known() {
 }
 
 #[test]
-fn an_axis_that_was_sent_to_where_it_stood_is_known_there() {
+fn an_axis_sent_to_its_own_position_is_known_there() {
     // The arc reaches X405.
     let bulges = "G0 X395 Y0\nG3 X395 Y20 I0 J10 F500\nG0 X0\nM2\n";
     is_of(&errors_from(395.0, 0b001, bulges), 2, 'X');

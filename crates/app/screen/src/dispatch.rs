@@ -360,7 +360,7 @@ mod tests {
     const STOP: u32 = CommandCode::JogStop as u32;
 
     #[test]
-    fn a_motion_that_begins_after_its_page_has_lost_control_is_stopped() {
+    fn a_motion_is_stopped_if_its_page_has_lost_control() {
         for code in [CommandCode::Return, CommandCode::Retrace, CommandCode::Jog] {
             for takes_back in [false, true] {
                 run(|| async move {
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_that_waits_while_its_page_loses_control_is_not_sent() {
+    fn a_waiting_command_is_dropped_when_control_is_lost() {
         for code in [
             CommandCode::Start,
             CommandCode::Mdi,

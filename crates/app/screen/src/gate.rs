@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_loopback_addresses_and_given_names_are_served() {
+    fn a_public_gate_serves_addresses_and_given_names() {
         let gate = gate("0.0.0.0:443", &["Mill.lan".to_owned()], true);
         for host in [
             "mill.lan",

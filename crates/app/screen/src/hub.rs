@@ -433,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn an_upload_is_of_the_page_that_has_control_not_of_its_browser() {
+    fn an_upload_belongs_to_the_page_in_control() {
         let hub = Hub::new(ToPage::Core { alive: false });
         let join = |session: &str| {
             hub.join(Visitor {
@@ -483,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_that_is_earlier_than_the_check_keeps_its_time_and_other_uploads_get_neither() {
+    fn a_plan_before_its_check_keeps_its_time() {
         let hub = Hub::new(ToPage::Core { alive: false });
         let present = || hub.lock().program.clone();
         hub.tell_program(program(2, false, None));

@@ -129,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_status_names_a_file_also_where_it_truncates_the_name() {
+    fn a_truncated_name_in_a_status_matches_its_file() {
         assert!(is_named("/parts/a.ngc", "/parts/a.ngc"));
         assert!(!is_named("/parts/a.ngc", "/parts/a"));
         let long = format!("/{}.ngc", "x".repeat(200));

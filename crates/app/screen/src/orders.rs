@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_order_does_not_wait_for_the_connection_nor_the_one_after_an_error() {
+    fn orders_find_an_open_connection_even_after_an_error() {
         unless_disturbed(|| {
             let hub = Arc::new(Hub::new(ToPage::Core { alive: true }));
             let stop = Arc::new(AtomicBool::new(false));

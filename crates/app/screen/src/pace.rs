@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_that_does_not_reply_gets_few_frames_and_all_again_when_it_does() {
+    fn a_silent_page_gets_few_frames_until_it_replies() {
         let pace = Pace::new();
         // Before its first reply, and from a client that sends none.
         assert_eq!(sent(&pace, 0, 8000), 500);

@@ -221,7 +221,7 @@ mod tests {
 
     /// The sagitta of a chord over the angle a of a circle with radius r is r (1 - cos(a / 2)).
     #[test]
-    fn an_arc_is_drawn_within_the_chord_error_and_not_finer_than_needed() {
+    fn an_arc_uses_the_fewest_chords_within_tolerance() {
         let found = vertices("G21 G90 G17\nG1 X50 F600\nG3 X50 Y0 I-50 J0\nM2\n");
         let chords = found.len() as f64 - 2.0;
         let sagitta = |chords: f64| 50.0 * (1.0 - (std::f64::consts::PI / chords).cos());

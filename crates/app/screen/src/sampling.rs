@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn without_answers_setpoints_are_shown_all_the_same_and_old_answers_end() {
+    fn setpoints_are_shown_without_feedback() {
         let mut sampler = sampler();
         sampler.setpoint(setpoint(1));
         sampler.feedback(feedback(1, 0.5));

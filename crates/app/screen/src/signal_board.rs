@@ -165,7 +165,7 @@ feedback = true
     }
 
     #[test]
-    fn what_a_bridge_must_not_send_is_unknown_and_takes_no_memory() {
+    fn invalid_inputs_are_unknown_and_memory_is_bounded() {
         let mut board = board();
         for instance in 0..1000 {
             let mut inputs = MachineInputs {

@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_that_takes_a_piece_now_and_then_runs_out_of_patience() {
+    fn a_slow_client_exceeds_the_total_patience() {
         let (mut writer, mut pieces) = body();
         writer.patience = Duration::from_millis(200);
         let reader = std::thread::spawn(move || {

@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_certificate_has_the_machines_name_a_use_and_an_end() {
+    fn a_certificate_has_machine_name_usage_and_expiry() {
         let folder = tempfile::tempdir().unwrap();
         let (certificate, key) = own_certificate(folder.path(), "mill-3axis", &names(), NOW_S).unwrap();
         let encryption = acceptor(&certificate, &key).unwrap();
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_kept_for_the_same_names_until_thirty_days_before_its_end() {
+    fn a_certificate_is_renewed_thirty_days_before_expiry() {
         let folder = tempfile::tempdir().unwrap();
         let text = |machine: &str, names: &[String], day: i64| {
             let made = own_certificate(folder.path(), machine, names, NOW_S + day * DAY_S).unwrap();

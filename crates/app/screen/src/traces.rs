@@ -352,7 +352,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn traces_are_listed_the_newest_first_and_nothing_else_is() {
+    fn only_traces_are_listed_newest_first() {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, text: &[u8]| std::fs::write(folder.path().join(name), text).unwrap();
         write("old.mcap", b"no trace");

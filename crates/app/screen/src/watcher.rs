@@ -270,7 +270,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lost_link_is_two_alarms_of_the_log_each_with_its_sentence() {
+    fn a_lost_link_logs_two_alarms_with_their_texts() {
         let hub = Hub::new(ToPage::Core { alive: true });
         let before = Status::default();
         let mut now = Status::default();
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_status_follows_the_setpoint_except_where_its_system_is_rotated() {
+    fn a_status_follows_setpoints_unless_rotated() {
         let at = |x: f64, y: f64, z: f64| [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let status = |work: [f64; 9]| Status {
             position_machine: at(15.0, 26.0, 7.0),

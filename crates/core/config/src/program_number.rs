@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn programs_have_no_negative_zero_no_zeros_at_the_end_and_no_exponent() {
+    fn program_numbers_are_plain_decimals() {
         for (value, exact, rounded) in [
             (0.0, "0", "0"),
             (-0.0, "0", "0"),

@@ -178,7 +178,7 @@ fn rejected(axis: &str, keys: &str, content: &str, parts: &[&str]) {
 }
 
 #[test]
-fn invalid_tables_are_rejected_with_position_and_advice() {
+fn invalid_tables_report_position_and_advice() {
     let csv = "screw_table = \"x.csv\"";
     let head = "position_mm,error_um\n";
     let at = "folder/x.csv:";

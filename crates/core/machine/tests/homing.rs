@@ -12,7 +12,7 @@ fn homed(keys: &str) -> Result<Machine, MachineError> {
 }
 
 #[test]
-fn every_method_of_homing_is_read_with_the_keys_that_it_needs() {
+fn every_homing_method_reads_its_keys() {
     let speeds = "towards = \"positive\"\nsearch_mm_s = 20\nlatch_mm_s = 2\n";
     let of = |keys: &str| homed(keys).unwrap().homing[0];
     let switch = of(&format!("{speeds}switch_mm = 1.5"));
@@ -41,7 +41,7 @@ fn every_method_of_homing_is_read_with_the_keys_that_it_needs() {
 }
 
 #[test]
-fn keys_that_a_method_of_homing_has_no_use_for_and_those_that_it_lacks_are_told() {
+fn missing_and_unused_homing_keys_are_rejected() {
     let speeds = "towards = \"positive\"\nsearch_mm_s = 20\nlatch_mm_s = 2\n";
     for (keys, key) in [
         (format!("{speeds}switch_mm = 1\nindex_mm = 0"), "index_mm"),

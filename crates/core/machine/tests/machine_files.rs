@@ -83,7 +83,7 @@ fn a_file_is_converted_to_mm_degrees_and_seconds() {
 }
 
 #[test]
-fn every_shipped_machine_is_valid_and_named_as_its_file() {
+fn shipped_machines_are_valid_and_match_file_names() {
     let files = shipped();
     assert!(files.len() >= 10, "only {} machines ship", files.len());
     for (stem, text) in files {

@@ -94,7 +94,7 @@ fn limits_of_no_machine_are_warned_of_at_their_key() {
 }
 
 #[test]
-fn a_switch_that_the_search_does_not_reach_is_warned_of() {
+fn a_home_switch_out_of_search_range_is_a_warning() {
     let homed = |keys: &str| {
         format!(
             "{FILE}[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 20\nlatch_mm_s = 2\n\
@@ -136,7 +136,7 @@ fn a_switch_that_the_search_does_not_reach_is_warned_of() {
 }
 
 #[test]
-fn a_bound_in_another_unit_is_printed_as_it_would_be_written() {
+fn converted_bounds_print_without_float_noise() {
     let text = FILE.replace("max_jerk_m_s3 = 200", "max_jerk_m_s3 = 1e-10");
     let error = Machine::parse(&text, "m.toml").unwrap_err().to_string();
     assert!(

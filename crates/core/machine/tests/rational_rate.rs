@@ -120,7 +120,7 @@ fn a_crossing_above_a_third_limit_is_not_reported() {
 }
 
 #[test]
-fn acceleration_alone_needs_its_rate_at_minimum_radius() {
+fn acceleration_limits_rate_at_minimum_radius() {
     // On the acceleration limit the rate falls towards its asymptote: 1 / sqrt(1 - D / (2 R k)) above it.
     let rate = rational_rate(&input(INF, 981.0, INF, 1e3)).unwrap();
     assert_near(rate.radius_mm, 0.25, 0.0, "radius");

@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_shorter_direction_is_at_most_half_a_turn_anywhere() {
+    fn shorter_direction_turns_half_a_turn_at_most() {
         for turns in [0.0, 1.0, -1.0, 100.0, -99.0, 100_000.0] {
             for here in 0..72 {
                 for angle in 0..72 {
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn in_one_direction_the_axis_turns_less_than_a_turn_or_not_at_all() {
+    fn one_direction_turns_less_than_a_full_turn() {
         for from in [0.0, 90.0, 359.0, 725.0, -10.0, 36_090.0] {
             for angle in [0.0, 45.0, 90.0, 359.5] {
                 let positive = turn_onward(from, angle, false) - from;

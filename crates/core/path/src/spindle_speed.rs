@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn an_override_scales_the_surface_speed_and_never_passes_a_maximum() {
+    fn override_scales_surface_speed_up_to_maximum() {
         let free = surface(f64::INFINITY).rpm_at(30.0);
         let limited = surface(500.0);
         for ratio in [0.0, 0.3, 0.8, 1.0, 1.5, 2.0] {

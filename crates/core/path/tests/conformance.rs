@@ -268,7 +268,7 @@ fn bounds_contain_every_point_and_are_tight() {
 }
 
 #[test]
-fn derivative_bounds_hold_and_are_tight_on_short_ranges() {
+fn derivative_bounds_hold_and_are_tight() {
     let seed = 0x5EED_0003;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);

@@ -74,7 +74,7 @@ fn every_constructor_rejects_invalid_numbers() {
 }
 
 #[test]
-fn an_arc_with_invalid_radius_sense_or_turns_is_rejected() {
+fn arc_rejects_invalid_radius_sense_and_turns() {
     let (a, b) = (xyz(10.0, 0.0, 0.0), xyz(0.0, 10.0, 0.0));
     assert!(matches!(
         ccw(a, b, [10.0, 0.0], 0),
@@ -243,7 +243,7 @@ fn equal_radii_suggest_a_circle() {
 }
 
 #[test]
-fn an_end_off_the_involute_is_measured_and_distributed() {
+fn end_off_involute_is_measured_and_distributed() {
     let (from, to) = (2.0, 9.0);
     for off in [1e-6, -5e-4, 0.02] {
         // Across the curve at its end, along the normal (-sin, cos): a known distance.

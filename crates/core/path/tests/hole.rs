@@ -180,7 +180,7 @@ fn conventional_milling_mirrors_climb_milling() {
 }
 
 #[test]
-fn each_turn_adds_the_pitch_to_the_radius_of_curvature() {
+fn each_turn_adds_pitch_to_curvature_radius() {
     // Planted: rho = r phi, so 2 pi of roll add 2 pi r = R / n.
     let pass = HOLE
         .rough(4.0, None, 1.0, HoleStart::Centre, &Axes::zeros())

@@ -54,7 +54,7 @@ fn an_involutes_evolute_is_its_base_circle() {
 }
 
 #[test]
-fn an_involute_leaves_its_base_circle_with_finite_jets() {
+fn involute_has_finite_jets_at_base_circle() {
     let planted = Rolled {
         phi: [0.0, 10.0],
         root: 0.0,

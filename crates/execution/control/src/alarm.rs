@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn every_alarm_is_found_by_its_number_and_says_something() {
+    fn every_alarm_has_a_number_and_a_sentence() {
         for pair in Alarm::ALL.windows(2) {
             assert!(pair[0].number() < pair[1].number(), "{pair:?}");
         }

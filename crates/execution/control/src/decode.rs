@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_that_is_none_is_refused_wherever_it_stands() {
+    fn non_finite_numbers_are_rejected_in_every_field() {
         for &code in CommandCode::ALL {
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
                 let amount = RawCommand {
@@ -485,7 +485,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jog_knows_its_directions_and_leaves_the_other_axes_alone() {
+    fn a_jog_decodes_its_directions_for_its_axes_only() {
         let mut request = raw(CommandCode::Jog);
         request.axes_mask = 0b101;
         request.values = [-3.0, 7.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -505,7 +505,7 @@ mod tests {
 
     /// Values up to the limits, with the words that the trace records.
     #[test]
-    fn what_is_just_in_range_is_understood_and_told_in_words() {
+    fn values_at_the_limits_are_decoded_and_described() {
         let values = [MAX_VALUE, -MAX_VALUE, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let xz = 0b101;
         let of = |code: CommandCode, index: u32, amount: f64| RawCommand {

@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn every_command_in_every_situation_is_judged_as_the_table_says() {
+    fn interlocks_match_the_table_in_every_state() {
         let mut rows = 0;
         for row in TABLE.lines().filter(|row| !row.trim().is_empty()) {
             let words: Vec<&str> = row.split_whitespace().collect();
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reason_of_a_refusal_is_the_one_to_do_something_about_first() {
+    fn a_rejection_names_the_reason_to_act_on_first() {
         let idle = InterlockState {
             machine: MachineState::On,
             mode: Mode::Auto,

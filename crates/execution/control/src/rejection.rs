@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_refusal_for_the_mode_names_the_one_that_is_needed() {
+    fn a_rejection_for_the_mode_names_the_required_mode() {
         let refusal = Rejection::by_rule(Alarm::WrongMode, CommandCode::Mdi);
         assert!(refusal.text.contains("mode mdi"), "{refusal}");
         assert_eq!(

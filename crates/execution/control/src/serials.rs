@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn many_clients_do_not_fill_the_memory_and_the_busy_are_remembered() {
+    fn client_memory_is_bounded_and_keeps_busy_clients() {
         let mut serials = Serials::default();
         assert!(serials.admit(1, 10));
         for client in 2..10_000 {

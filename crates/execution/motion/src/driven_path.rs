@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn quintics_are_within_the_derived_bounds_of_paths_with_steps_of_jerk() {
+    fn quintics_keep_the_derived_bounds_for_jerk_steps() {
         let mut random = Random::seeded(1603);
         let (mut error, mut third) = (0.0_f64, 0.0_f64);
         for case in 0..4000 {

@@ -368,7 +368,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_path_at_every_limit_is_retraced_within_every_limit() {
+    fn a_path_at_every_limit_is_retraced_within_limits() {
         let mut random = Random::seeded(1604);
         for _ in 0..1000 {
             let mut limits = Limits {

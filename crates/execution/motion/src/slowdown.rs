@@ -475,7 +475,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_from_a_cruise_takes_the_jerk_limited_minimum() {
+    fn a_stop_from_a_cruise_takes_the_jerk_limited_time() {
         for v in [250.0_f64, 100.0, 40.0, 5.0, 0.5] {
             let mut plan = cruise(v, 2.0);
             let mut slowdown = Slowdown::new(0.0);
@@ -515,7 +515,7 @@ mod tests {
     }
 
     #[test]
-    fn a_landing_that_is_led_to_a_rate_just_above_zero_does_not_pass_zero() {
+    fn a_landing_near_rate_zero_does_not_pass_zero() {
         for (v, cycles) in [150.0, 2.0]
             .into_iter()
             .flat_map(|v| (1..250).map(move |k| (v, k)))
@@ -560,7 +560,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_that_is_called_off_and_called_again_comes_to_rest() {
+    fn a_stop_cancelled_and_requested_again_stops() {
         for turns in [3, 17, 60, 110] {
             let (v, mut plan) = (150.0, cruise(150.0, 4.0));
             let mut slowdown = Slowdown::new(0.0);

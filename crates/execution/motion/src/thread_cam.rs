@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_the_position_and_both_ends_are_met() {
+    fn derivatives_match_the_position_and_both_ends() {
         // A taper in, the thread, a taper out.
         let legs = [leg(-1.0, -6.0, 4.0), leg(-1.0, -30.0, 16.0), leg(0.0, -36.0, 4.0)];
         let mut cam = ThreadCam::new(Axes::zeros(), legs.into(), false);
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_are_kept_at_the_speed_and_the_way_is_the_same_at_another() {
+    fn limits_hold_and_the_path_is_the_same_at_any_speed() {
         let limits = limits();
         for turns_per_s in [1.0, 10.0, 60.0] {
             let legs = [leg(0.0, -60.0, 40.0)];

@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tool_that_moves_outwards_does_not_stop_and_one_that_moves_inwards_turns_back() {
+    fn only_a_tool_that_moves_inwards_turns_back() {
         let mut random = Random::seeded(1605);
         for _ in 0..200 {
             let clear = random.between(15.0, 39.0) * random.one_of(&[1.0, -1.0]);

@@ -184,7 +184,7 @@ fn drive_processes(scene: Scene) -> (Vec<State>, PathExecutor, Axes, u64) {
 }
 
 #[test]
-fn process_cycles_in_the_plan_do_not_allocate_whatever_becomes_of_them() {
+fn process_cycles_do_not_allocate_however_they_end() {
     for scene in [
         Scene::HeldAndSlowed,
         Scene::Failed,

@@ -140,7 +140,7 @@ impl Hands {
 }
 
 #[test]
-fn holds_and_overrides_at_any_moment_keep_every_limit_whatever_the_planner_does() {
+fn holds_and_overrides_keep_limits_with_any_planner() {
     let (mut random, cases) = campaign(0x1402_0001, 60);
     let mut most = [0.0_f64; 3];
     for case in 0..cases {

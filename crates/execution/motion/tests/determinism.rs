@@ -102,7 +102,7 @@ fn straight(limits: Limits, moves: usize, length: f64, feeds: [f64; 2], period_n
 /// At 35 kHz nearly every third stop has a setpoint so close to its end that rounding cannot distinguish
 /// them.
 #[test]
-fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
+fn the_line_at_a_stop_ignores_whether_more_is_known() {
     let limits = equal_axes(500.0, 5000.0, 100_000.0);
     let mut one = straight(limits, 60, 1.0, [10.0, 20.0], 28_571);
     one.planner = PlannerKind::Optimal;
@@ -149,7 +149,7 @@ fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
 /// 36 m in 6 mm blocks on a machine so weak that no speed is settled before the end is known: half of the
 /// steps that the look-ahead holds become final by count.
 #[test]
-fn steps_made_final_for_want_of_room_are_the_same_steps_and_keep_every_limit() {
+fn steps_made_final_by_count_are_deterministic() {
     let scenario = straight(equal_axes(1e4, 50.0, 1e6), 6000, 6.0, [2500.0, 2500.1], 4_000_000);
     let mut random = Random::from_state(0xde7e_0002);
     let setpoints = assert_same(&scenario, &mut random, "weak");
@@ -167,7 +167,7 @@ fn steps_made_final_for_want_of_room_are_the_same_steps_and_keep_every_limit() {
 
 /// From speed `v` without acceleration, braking takes `2 sqrt(v/J)` if that keeps `A`, else `A/J + v/A`.
 #[test]
-fn a_hold_on_a_straight_line_takes_no_longer_than_the_limits_demand() {
+fn a_hold_on_a_line_takes_the_least_time() {
     for (velocity, acceleration, jerk) in [
         (100.0, 2000.0, 50_000.0),
         (500.0, 2000.0, 50_000.0),

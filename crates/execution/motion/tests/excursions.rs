@@ -169,7 +169,7 @@ fn moment(random: &mut Random, scenario: &Scenario) -> usize {
 }
 
 #[test]
-fn a_program_that_was_left_goes_on_to_the_last_bit_as_if_it_had_not_been() {
+fn a_left_program_continues_bit_for_bit() {
     let (mut random, cases) = campaign(1601, 24);
     let mut left = 0;
     for case in 0..cases {
@@ -272,7 +272,7 @@ fn a_program_that_was_left_goes_on_to_the_last_bit_as_if_it_had_not_been() {
 
 /// Backwards and forwards again along paths in exact-path mode, where the path itself is known.
 #[test]
-fn a_path_that_is_driven_backwards_is_the_one_that_was_driven() {
+fn the_path_driven_backwards_is_the_driven_path() {
     let (mut random, cases) = campaign(1602, 8);
     let (mut most, mut seen, mut share) = (0.0_f64, 0, 0.0_f64);
     for case in 0..cases {
@@ -338,7 +338,7 @@ fn two_lines(limits: Limits) -> Scenario {
 }
 
 #[test]
-fn a_program_that_moves_is_not_left_and_an_action_begins_the_path_anew() {
+fn a_moving_program_is_not_left_and_actions_bar_it() {
     let scenario = two_lines(crate::common::equal_axes(100.0, 1000.0, 20_000.0));
     let mut machine = Machine::new(&scenario);
     for _ in 0..60 {

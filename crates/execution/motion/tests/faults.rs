@@ -19,7 +19,7 @@ const RULES: PathRules = PathRules {
 };
 
 #[test]
-fn a_planner_that_dies_at_any_moment_leaves_a_machine_that_stops_on_the_path() {
+fn a_planner_dying_at_any_moment_stops_on_the_path() {
     let (mut random, cases) = campaign(0xdead_0001, 60);
     for case in 0..cases {
         let scenario = scenario(&mut random, BLEND, false);
@@ -65,7 +65,7 @@ fn a_planner_that_dies_at_any_moment_leaves_a_machine_that_stops_on_the_path() {
 
 /// Steps may still change after the cycle has entered them.
 #[test]
-fn overrides_while_the_planner_is_close_behind_keep_every_limit() {
+fn overrides_with_a_short_look_ahead_keep_every_limit() {
     let (mut random, cases) = campaign(0xdead_0002, 5);
     let mut starved = 0;
     for case in 0..cases {
@@ -207,7 +207,7 @@ fn published(motion: &mut PathExecutor, queue: &mut evolvent_motion::PlanConsume
 }
 
 #[test]
-fn the_guard_stops_a_plan_that_would_break_the_velocity_limit() {
+fn the_guard_stops_a_plan_that_breaks_velocity() {
     let limits = one_axis(100.0, 2000.0, 50_000.0);
     // A plan for a machine with twice the speed and the same acceleration and jerk.
     let scalar = ScalarLimits {
@@ -228,7 +228,7 @@ fn the_guard_stops_a_plan_that_would_break_the_velocity_limit() {
 }
 
 #[test]
-fn the_guard_stops_each_axis_where_even_braking_on_the_path_breaks_a_limit() {
+fn the_guard_quick_stops_when_braking_breaks_limits() {
     let limits = one_axis(200.0, 2000.0, 50_000.0);
     // Jerk ten times too high: rejected at the first setpoint, and no other profile of this run is better.
     let scalar = ScalarLimits {
@@ -270,7 +270,7 @@ fn the_guard_keeps_a_jump_of_the_path_from_the_drives() {
 
 /// The emergency stop comes while the axis is already stopping on its own.
 #[test]
-fn an_emergency_stop_goes_on_from_the_stop_of_the_guard() {
+fn an_emergency_stop_continues_a_stop_of_the_guard() {
     let limits = one_axis(200.0, 2000.0, 50_000.0);
     let scalar = ScalarLimits {
         velocity: 200.0,
@@ -342,7 +342,7 @@ fn an_override_that_is_no_number_stands_still() {
 }
 
 #[test]
-fn at_rest_the_line_is_that_of_the_step_that_is_waited_for() {
+fn the_line_at_rest_is_that_of_the_awaited_step() {
     let scalar = ScalarLimits {
         velocity: 200.0,
         acceleration: 2000.0,
@@ -422,7 +422,7 @@ fn stopped_alone(
 }
 
 #[test]
-fn an_emergency_stop_on_a_circle_that_touches_the_travel_stays_within_it_and_within_every_acceleration() {
+fn an_emergency_stop_on_a_circle_stays_in_travel() {
     for (period_ns, radius, beside) in [
         (250_000, 10.0, 0.0),
         (1_000_000, 10.0, 0.0),
@@ -479,7 +479,7 @@ fn an_emergency_stop_on_a_circle_that_touches_the_travel_stays_within_it_and_wit
 /// A plan that leads X out of its travel at full speed: only a step of its speed can stop that axis before
 /// the edge.
 #[test]
-fn where_a_plan_leads_one_axis_out_of_the_travel_the_others_finish_their_stops() {
+fn other_axes_stop_when_one_axis_leaves_its_travel() {
     let mut limits = one_axis(200.0, 2000.0, 50_000.0);
     limits.travel_max[0] = 50.0;
     let (mut end, start) = (Axes::zeros(), Axes::zeros());

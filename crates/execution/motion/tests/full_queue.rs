@@ -101,7 +101,7 @@ fn zigzag(count: usize) -> Vec<Move> {
 }
 
 #[test]
-fn overrides_are_answered_when_the_queue_is_full_of_steps() {
+fn overrides_get_replies_when_the_queue_is_full() {
     let cycles = 200;
     drive(zigzag(6000), (5, cycles), |cycle, motion, queue| {
         let inputs = Inputs {
@@ -137,7 +137,7 @@ fn answers_that_came_to_nothing_do_not_stop_the_next() {
 /// A dropped plan fills the queue after the place that is reserved for the step after a stop, and failed
 /// replies take the rest: the step after the stop must still fit.
 #[test]
-fn what_follows_a_stop_finds_room_beside_a_dropped_plan() {
+fn the_step_after_a_stop_fits_beside_a_dropped_plan() {
     let mut moves = vec![line(
         Axes::from_fn(|i, _| if i == 0 { -40.0 } else { 0.0 }),
         Axes::zeros(),
@@ -219,7 +219,7 @@ fn what_follows_a_stop_finds_room_beside_a_dropped_plan() {
 }
 
 #[test]
-fn more_stops_in_a_row_than_the_queue_holds_are_passed() {
+fn more_consecutive_stops_than_queue_slots_are_passed() {
     const STOPS: usize = 40_000;
     let there = Axes::from_fn(|i, _| if i == 0 { 1.0 } else { 0.0 });
     for kind in [PlannerKind::Optimal, PlannerKind::Classic] {

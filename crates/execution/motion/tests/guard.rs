@@ -156,7 +156,7 @@ fn drive(scenario: &Scenario, at: usize, step: f64, factor: f64) -> (Vec<Setpoin
 }
 
 #[test]
-fn whatever_the_guard_refuses_what_is_published_keeps_the_limits() {
+fn published_setpoints_keep_limits_on_guard_stops() {
     let (mut random, cases) = campaign(0x1401_0011, 60);
     let (mut most, mut provoked) = ([0.0_f64; 3], 0);
     for case in 0..cases {

@@ -98,7 +98,7 @@ fn hold_at(scenario: &Scenario, moment: usize, frozen: bool, what: &str) -> (Vec
     (out, rest.unwrap_or(moment))
 }
 
-/// One of the scenarios of [`holds_on_dense_contours_stop_soon_whether_planned_or_not`].
+/// One of the scenarios of [`holds_on_dense_contours_stop_soon`].
 fn dense_case(random: &mut Random, case: usize) -> Scenario {
     let limits = match case % 3 {
         0 => equal_axes(200.0, 2000.0, 50_000.0),
@@ -115,7 +115,7 @@ fn dense_case(random: &mut Random, case: usize) -> Scenario {
 }
 
 #[test]
-fn holds_on_dense_contours_stop_soon_whether_planned_or_not() {
+fn holds_on_dense_contours_stop_soon() {
     let (mut random, cases) = campaign(0x1401_0001, 9);
     let mut ratios: Vec<f64> = Vec::new();
     for case in 0..cases {
@@ -171,7 +171,7 @@ fn holds_on_dense_contours_stop_soon_whether_planned_or_not() {
 const LONG_HOLDS: [(usize, usize, f64); 3] = [(25, 553, 0.074), (18, 36, 0.130), (0, 301, 0.140)];
 
 #[test]
-fn holds_under_the_peaks_of_a_plan_that_uses_all_its_jerk_come_to_rest_soon() {
+fn holds_at_jerk_peaks_of_a_plan_stop_soon() {
     let mut random = Random::from_state(20_261_123);
     for case in 0..=25 {
         let scenario = dense_case(&mut random, case);
@@ -228,7 +228,7 @@ fn lower_at(scenario: &Scenario, moment: usize, factor: f64, what: &str) {
     }
 }
 
-/// One of the scenarios of [`lowered_overrides_on_dense_contours_are_met_without_a_planner`], with its moment
+/// One of the scenarios of [`lowered_overrides_are_reached_without_a_planner`], with its moment
 /// as a fraction of the first half of the plan.
 fn lowered_case(random: &mut Random, case: usize) -> (Scenario, f64, f64) {
     let mut scenario = dense(random, 900, equal_axes(200.0, 2000.0, 50_000.0));
@@ -248,7 +248,7 @@ fn lower(scenario: &Scenario, part: f64, factor: f64, case: usize) {
 }
 
 #[test]
-fn lowered_overrides_on_dense_contours_are_met_without_a_planner() {
+fn lowered_overrides_are_reached_without_a_planner() {
     let (mut random, cases) = campaign(0x1401_0002, 6);
     for case in 0..cases {
         let (scenario, part, factor) = lowered_case(&mut random, case);
@@ -259,7 +259,7 @@ fn lowered_overrides_on_dense_contours_are_met_without_a_planner() {
 /// The end of a step was just before the time up to which the preview had read, with a jump of the plan's
 /// jerk between them.
 #[test]
-fn a_jump_of_the_plan_at_the_end_of_a_step_is_seen_ahead() {
+fn the_preview_sees_a_jump_at_the_end_of_a_step() {
     let mut random = Random::from_state(79);
     for case in 0..=32 {
         let (scenario, part, factor) = lowered_case(&mut random, case);
@@ -305,7 +305,7 @@ fn longest_stop(scenario: &Scenario, parts: &[f64], case: usize) -> f64 {
 }
 
 #[test]
-fn the_longest_stop_of_a_plan_is_what_a_hold_there_needs() {
+fn the_longest_stop_of_a_plan_matches_a_hold() {
     let (mut random, cases) = campaign(0x1401_0003, 6);
     for case in 0..cases {
         let (scenario, parts) = longest_stop_case(&mut random, case);
@@ -319,7 +319,7 @@ fn the_longest_stop_of_a_plan_is_what_a_hold_there_needs() {
 /// The jerk of the plan jumped down in the first third of a step, after the acceleration had reached its
 /// limit.
 #[test]
-fn a_peak_of_acceleration_early_in_a_step_is_seen_ahead() {
+fn the_preview_sees_an_early_acceleration_peak() {
     let mut random = Random::from_state(77);
     for case in 0..=9 {
         let (scenario, parts) = longest_stop_case(&mut random, case);

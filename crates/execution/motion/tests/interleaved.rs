@@ -182,7 +182,7 @@ fn drive(scenario: &Scenario, random: Random, replayed: Option<Vec<Recorded>>) -
 }
 
 #[test]
-fn what_was_driven_while_the_planner_worked_is_replayed_bit_for_bit() {
+fn motion_during_planning_is_replayed_bit_for_bit() {
     let (mut random, cases) = campaign(0x1e71_0001, 8);
     let (mut waits, mut changes) = (0, 0);
     for case in 0..cases {

@@ -50,7 +50,7 @@ fn every_setpoint_keeps_every_limit_and_the_path() {
 }
 
 #[test]
-fn holds_and_overrides_at_any_moment_keep_every_limit_and_the_path() {
+fn holds_and_overrides_keep_every_limit_and_the_path() {
     let (mut random, cases) = campaign(0x0e01_0002, 150);
     for case in 0..cases {
         let blends = case / 2 % 2 == 0;

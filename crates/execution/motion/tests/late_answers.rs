@@ -82,7 +82,7 @@ fn drive_along(
 }
 
 #[test]
-fn a_wish_whose_first_answers_come_too_late_is_met_by_a_later_one() {
+fn a_request_answered_late_is_met_by_a_later_reply() {
     for lost in [1, 2] {
         for factor in [0.5, 1.5] {
             let setpoints = drive(lost, |cycle| Inputs {
@@ -105,7 +105,7 @@ fn a_wish_whose_first_answers_come_too_late_is_met_by_a_later_one() {
 }
 
 #[test]
-fn a_wish_withdrawn_before_its_late_answer_leaves_a_planner_that_meets_the_next() {
+fn a_withdrawn_request_does_not_block_the_next() {
     let setpoints = drive(1, |cycle| Inputs {
         feed_override: if (700..705).contains(&cycle) || cycle >= 1500 {
             0.5
@@ -146,7 +146,7 @@ fn cycles_to_rest(setpoints: &[Setpoint], hold: usize) -> usize {
 /// A hold needs no reply: the cycle slows the plan down at once. The bounds leave 24 ms and 1.8 (wave) or 1.2
 /// times (line) the minimum time.
 #[test]
-fn a_hold_without_answers_takes_little_longer_than_the_least_time_and_the_program_goes_on_behind_it() {
+fn a_hold_without_replies_is_short_and_is_resumed() {
     let holds = |cycle: u64| Inputs {
         hold: (745..2500).contains(&cycle),
         ..Inputs::default()
@@ -177,7 +177,7 @@ fn a_hold_without_answers_takes_little_longer_than_the_least_time_and_the_progra
 }
 
 #[test]
-fn holds_without_answers_keep_the_limits_and_the_path_wherever_they_come() {
+fn holds_without_replies_keep_limits_and_path() {
     let (mut random, cases) = campaign(0x9E37_79B9_7F4A_7C15, 40);
     let (mut tried, mut held) = (0, 0);
     while tried < cases {
@@ -205,7 +205,7 @@ fn holds_without_answers_keep_the_limits_and_the_path_wherever_they_come() {
 /// Motion that is planned after a stop, where the stop was reached before a reply got lost, follows the stop
 /// and not the lost plan.
 #[test]
-fn a_lost_answer_stands_between_no_stop_and_what_is_read_behind_it() {
+fn a_program_ends_after_a_lost_reply_at_any_stop() {
     let line = |from: f64, to: f64| Move {
         curve: Curve::Line(
             Line::new(

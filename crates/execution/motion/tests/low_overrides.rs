@@ -78,7 +78,7 @@ fn drive(scenario: &Scenario, cycles: usize, wish: impl Fn(u64) -> f64) -> Vec<S
 }
 
 #[test]
-fn the_feed_is_the_wish_to_a_thousandth_at_overrides_from_next_to_nothing_to_two() {
+fn the_feed_is_exact_to_1e_3_at_overrides_up_to_2() {
     let mut faults = Vec::new();
     for (name, scenario) in [("line", line()), ("circles", circles()), ("wave", wave())] {
         for (from, to) in [

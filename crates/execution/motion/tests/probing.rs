@@ -207,7 +207,7 @@ fn assert_within(all: &[Setpoint], machine: &Limits, period_ns: u64, what: &str)
 }
 
 #[test]
-fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_from_there() {
+fn a_probing_move_stops_within_limits_and_goes_on() {
     let seed = 0x0b0b_0001;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
@@ -309,7 +309,7 @@ fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_fro
 }
 
 #[test]
-fn the_stop_of_a_probe_is_as_long_as_the_textbook_says() {
+fn a_probe_stop_takes_the_textbook_distance() {
     // From v with acceleration A and jerk J, if A is reached: v^2 / (2 A) + v A / (2 J).
     let machine = equal_axes(1000.0, 500.0, 50_000.0);
     let order = ProbeMove {

@@ -9,7 +9,7 @@ use crate::common::{BLEND, Random, check, run, scenario};
 /// square root of the remainder. Without a correction the run ended nanometres too far, and where the path
 /// came to rest that was a step of acceleration, which the guard rejected.
 #[test]
-fn rounding_of_the_speed_does_not_carry_a_rest_beyond_its_place() {
+fn rounding_does_not_carry_a_stop_past_its_position() {
     let mut random = Random::from_state(1000);
     let mut case = 0;
     let scenario = loop {

@@ -87,7 +87,7 @@ fn a_hold_stops_in_the_least_time_after_the_lead() {
 }
 
 #[test]
-fn an_override_takes_hold_within_twenty_milliseconds_and_is_reached() {
+fn an_override_acts_within_20_ms_and_is_reached() {
     for factor in [0.3, 0.9, 1.5, 2.0] {
         let scenario = straight(100.0, 500.0, 500_000);
         let moment = 1000;
@@ -125,7 +125,7 @@ fn an_override_takes_hold_within_twenty_milliseconds_and_is_reached() {
 
 /// Blocks of a few milliseconds each, which arrive more slowly than they are driven.
 #[test]
-fn a_planner_that_is_too_slow_leaves_a_machine_that_stops_on_the_path_and_goes_on_with_it() {
+fn a_slow_planner_stops_on_the_path_and_continues() {
     let (mut random, cases) = campaign(0x0e01_0010, 2);
     let mut starved = 0;
     for case in 0..cases {
@@ -174,7 +174,7 @@ fn a_planner_that_is_too_slow_leaves_a_machine_that_stops_on_the_path_and_goes_o
 }
 
 #[test]
-fn a_planner_that_dies_leaves_a_machine_that_comes_to_rest_on_the_path() {
+fn a_dead_planner_stops_on_the_path() {
     let (mut random, cases) = campaign(0x0e01_0011, 40);
     for case in 0..cases {
         let mode = if case % 2 == 0 { BLEND } else { PathMode::ExactPath };
@@ -224,7 +224,7 @@ fn a_planner_that_dies_leaves_a_machine_that_comes_to_rest_on_the_path() {
 }
 
 #[test]
-fn a_hold_that_nobody_answers_stops_on_the_path_all_the_same() {
+fn a_hold_without_a_reply_stops_on_the_path() {
     let scenario = straight(200.0, 2000.0, 1_000_000);
     let mut pair = Pair::new(&scenario);
     let mut setpoints = Vec::new();
@@ -276,7 +276,7 @@ fn wave(blocks: usize) -> Vec<Move> {
 }
 
 #[test]
-fn a_planner_that_is_far_ahead_answers_from_where_the_cycle_is() {
+fn a_planner_far_ahead_replies_from_the_current_cycle() {
     let mut scenario = straight(100.0, 1.0, 1_000_000);
     scenario.moves = wave(600);
     let drive = |inputs: &dyn Fn(u64) -> Inputs| {
@@ -321,7 +321,7 @@ fn a_planner_that_is_far_ahead_answers_from_where_the_cycle_is() {
 }
 
 #[test]
-fn a_hold_that_meets_a_dwell_while_path_time_is_slowed_goes_on_behind_it() {
+fn a_hold_before_a_dwell_continues_after_it() {
     let mut scenario = straight(200.0, 400.0, 1_000_000);
     let back = Move {
         curve: scenario.moves[0].curve.reversed(),
@@ -367,7 +367,7 @@ fn a_hold_that_meets_a_dwell_while_path_time_is_slowed_goes_on_behind_it() {
 }
 
 #[test]
-fn an_override_next_to_nothing_is_a_hold_and_the_least_there_is_is_driven() {
+fn an_override_near_zero_is_a_hold() {
     for (factor, slowest) in [(5e-4, 0.0), (1e-3, 0.1), (0.01, 1.0)] {
         let scenario = straight(100.0, 200.0, 1_000_000);
         let (setpoints, motion) = run(&scenario, |cycle| Inputs {

@@ -95,7 +95,7 @@ impl Measure {
 }
 
 #[test]
-fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without_allocating() {
+fn jogs_keep_limits_and_numbers_without_allocation() {
     let seed = 0x57a7_1001;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
@@ -148,7 +148,7 @@ fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without
 }
 
 #[test]
-fn a_jog_that_stops_comes_to_rest_no_later_than_the_transfer_that_it_leaves() {
+fn a_jog_stops_no_later_than_its_transfer_ends() {
     let seed = 0x57a7_1002;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
@@ -196,7 +196,7 @@ fn what_begins_elsewhere_is_not_taken_up() {
 }
 
 #[test]
-fn an_emergency_brings_every_axis_to_rest_by_itself_within_its_limits() {
+fn an_emergency_stop_stops_each_axis_within_limits() {
     let seed = 0x57a7_1003;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);

@@ -251,7 +251,7 @@ const FALLING: [fn(u64) -> f64; 5] = [
 /// A lower override needs no planner: the plan is driven more slowly, and the planner continues it whatever
 /// becomes of the requests meanwhile.
 #[test]
-fn a_falling_override_is_followed_however_late_the_planner_is() {
+fn a_falling_override_is_followed_with_a_late_planner() {
     let mut late = 0;
     let program = Program::of(wave(500));
     for (number, feed_override) in FALLING.into_iter().enumerate() {
@@ -338,7 +338,7 @@ fn random_rests(random: &mut Random) -> Vec<Step> {
 
 /// The cycle passes as many as have arrived.
 #[test]
-fn steps_at_rest_that_come_one_by_one_are_replayed_bit_for_bit() {
+fn steps_arriving_at_rest_are_replayed_bit_for_bit() {
     let mut waited = 0;
     let cases = evolvent_random::cases(12) as u64;
     let first = evolvent_random::seed(1);

@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn fine_and_interpolated_angles_have_no_step_that_matters() {
+    fn fine_and_interpolated_angles_have_no_step() {
         let found = seen((0..500).map(|ms| (f64::from(ms) * 0.0317).sin() + 0.02 * f64::from(ms)));
         assert!(found <= FINEST, "{found}");
         let fine = seen((0..500).map(|ms| (f64::from(ms).powf(1.01) * 0.02 * 65_536.0).floor() / 65_536.0));

@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn the_feed_is_in_proportion_to_the_speed_of_the_spindle() {
+    fn the_feed_is_proportional_to_the_spindle_speed() {
         assert_eq!(FeedLaw::Time.ratio(3.0, Some(0.0), 0.5, 100.0), 1.0);
         let constant = of_first(SpindleSpeed::Constant { rpm: 800.0 });
         assert_eq!(constant.ratio(3.0, Some(600.0), 2.0, 1000.0), 0.75);

@@ -422,7 +422,7 @@ mod tests {
     use crate::schedule::schedule;
 
     #[test]
-    fn feed_goes_by_the_spindle_from_its_block_to_the_end_of_the_program() {
+    fn feed_per_revolution_lasts_to_the_end_of_program() {
         let mut signals = Signals::new(&SignalSettings::default(), 2, 1_000_000);
         let (mut scheduler, consumer) = schedule();
         signals.begin_program(consumer);

@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn an_uneven_spindle_is_foretold_within_a_step_of_its_encoder() {
+    fn an_uneven_spindle_is_predicted_within_a_count() {
         for rpm in [100.0, 600.0, 1500.0, 3000.0] {
             for order in [1.0, 2.0, 3.0] {
                 let spindle = Uneven {
@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_settled_before_a_turn_and_a_gap_begins_anew() {
+    fn settling_takes_one_turn_and_a_gap_restarts_it() {
         let mut tracker = SpindleTracker::new(PERIOD_S);
         assert_eq!(tracker.at(0.0), None);
         let see = |tracker: &mut SpindleTracker, at: f64| {

@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_rate_it_has_its_speed_after_a_quarter_of_a_second_and_turns_on() {
+    fn without_a_rate_it_reaches_its_speed_in_250_ms() {
         let mut spindle = VirtualSpindle::new(None);
         spindle.command(&target(1.0, 800.0));
         advance(&mut spindle, 249);

@@ -10,7 +10,7 @@ use evolvent_signals::{
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
-fn a_full_queue_is_carried_out_without_the_allocator_and_in_order() {
+fn a_full_queue_runs_in_order_without_allocation() {
     let mut signals = Signals::new(&SignalSettings::default(), 2, 1_000_000);
     let (mut scheduler, consumer) = schedule();
     assert!(signals.begin_program(consumer).is_none());

@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_ends_at_rest_and_is_as_short_as_the_limits_permit() {
+    fn a_stop_ends_at_rest_in_the_least_time() {
         let mut random = Random::from_state(0xfa_0001);
         for case in 0..2000 {
             let task = task(&mut random);

@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_made_up_for_with_hardly_any_jerk() {
+    fn an_end_state_error_is_corrected_with_little_jerk() {
         let mut random = Random::from_state(0x1a_0001);
         for case in 0..2000 {
             let count = 1 + (random.unit() * 12.0) as usize;
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_far_from_zero_costs_a_short_move_no_jerk() {
+    fn a_short_move_far_from_zero_needs_no_extra_jerk() {
         // Half a millisecond at 300 mm: the last digit of the position is 1e-5 of the distance.
         let mut steps = vec![(1e-4, 2e5), (1e-4, -2e5), (1e-4, -2e5), (1e-4, 2e5)];
         let mut end = run(AxisState::default(), &steps);

@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn planted_pieces_are_found_with_their_times_and_jerks() {
+    fn planted_pieces_are_recovered_with_times_and_jerks() {
         let mut random = Random::from_state(0x4e_0001);
         for case in 0..500 {
             // As a solver returns them: full jerk, none, full jerk of the other sign; short and long steps
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn an_excursion_that_leaves_the_ends_of_an_interval_as_they_are_is_found() {
+    fn an_excursion_between_equal_end_states_is_recovered() {
         // Third differences: acceleration, velocity and position at the end do not show them.
         let planted: Steps = vec![
             (1.0, 0.0),
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_are_no_numbers_or_no_such_motion_are_refused() {
+    fn invalid_or_noisy_samples_are_rejected() {
         let mut nan = Recorded::new(1, |_| {
             vec![AxisState {
                 p: f64::NAN,

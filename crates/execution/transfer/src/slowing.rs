@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_slows_down_at_once_and_is_no_faster_from_then_on() {
+    fn an_axis_slows_at_once_and_never_speeds_up() {
         let limits = machine();
         let mut random = Random::seeded(2311);
         for _ in 0..400 {
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_that_are_to_stop_are_at_rest_after_their_own_stopping_time() {
+    fn axes_stop_within_their_own_stopping_times() {
         let limits = machine();
         let mut random = Random::seeded(2312);
         for _ in 0..400 {

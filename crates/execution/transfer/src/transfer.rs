@@ -467,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_at_rest_are_slowed_down_to_the_time_of_the_others_and_still_arrive() {
+    fn axes_at_rest_are_slowed_to_arrive_with_the_others() {
         let mut random = Random::from_state(0x74_0001);
         for case in 0..200 {
             let tasks = mixed(&mut random);
@@ -490,7 +490,7 @@ mod tests {
     }
 
     #[test]
-    fn where_the_solver_fails_the_slower_move_is_verified_just_as_well() {
+    fn a_slower_move_after_a_solver_failure_is_verified() {
         let mut random = Random::from_state(0x74_0002);
         for case in 0..500 {
             let count = 1 + case % AXES;

@@ -8,7 +8,7 @@ use evolvent_path::{AXES, Axes};
 use evolvent_transfer::{AxesState, Sync, Transfer};
 
 #[test]
-fn a_transfer_is_copied_and_evaluated_without_the_heap() {
+fn a_transfer_is_copied_and_evaluated_without_heap() {
     let limits = Limits {
         present: [true; AXES],
         velocity: Axes::repeat(100.0),

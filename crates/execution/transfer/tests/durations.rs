@@ -124,7 +124,7 @@ fn no_motion_over_one_speed_is_faster() {
 }
 
 #[test]
-fn from_rest_to_rest_takes_as_long_as_the_textbook_says() {
+fn rest_to_rest_takes_the_textbook_time() {
     questions(0xd0_0002, 1000, 1.0, |case, question, duration| {
         let (d, v, a, j) = (
             (question.to[0] - question.from[0]).abs(),
@@ -179,7 +179,7 @@ fn ported(limits: &evolvent_machine::Limits, from: &AxesState, to: &AxesState) -
 }
 
 #[test]
-fn three_synchronised_axes_take_as_long_as_by_the_port_of_the_solver() {
+fn durations_of_three_axes_match_the_port_of_ruckig() {
     let (mut random, cases) = campaign(0xd0_0003, 1500);
     let (mut compared, mut other) = (0, 0);
     for case in 0..cases {

@@ -99,7 +99,7 @@ fn axes_that_the_machine_has_not_stay_where_they_are() {
 }
 
 #[test]
-fn states_beyond_a_limit_are_refused_and_those_that_cannot_help_it() {
+fn states_that_must_exceed_a_limit_are_rejected() {
     for (bad, quantity) in [
         (moving(0.0, 100.1, 0.0), Quantity::Velocity),
         (moving(0.0, 0.0, -1001.0), Quantity::Acceleration),
@@ -171,7 +171,7 @@ fn axes_by_themselves_must_end_at_rest() {
 }
 
 #[test]
-fn what_does_not_move_along_the_line_is_refused_a_straight_one() {
+fn motion_off_the_line_is_rejected_when_straight() {
     let mut from = moving(0.0, 10.0, 0.0);
     from.velocity[1] = 0.5;
     let error = refused(&limits(), from, at(50.0), Sync::Phase);
@@ -238,7 +238,7 @@ fn a_cruise_at_the_limit_is_held() {
 
 /// 75 mm/s and 1000 mm/s2 lead to, or come from, exactly 75 + 1000^2 / (2 20 000) = 100 mm/s.
 #[test]
-fn states_that_need_the_whole_speed_limit_are_solved_at_full_speed() {
+fn states_that_need_the_full_speed_limit_are_solved() {
     for (from, to) in [
         (moving(0.0, 75.0, 1000.0), at(100.0)),
         (at(0.0), moving(100.0, 75.0, -1000.0)),
@@ -274,7 +274,7 @@ fn ways_from_a_picometre_to_ten_metres_are_solved() {
 
 /// In metres the C++ solver fails on this move: `ErrorExecutionTimeCalculation`.
 #[test]
-fn eight_micrometres_at_two_million_of_jerk_are_solved() {
+fn a_move_of_8_um_at_2e6_jerk_is_solved() {
     let mut limits = limits();
     (limits.velocity, limits.acceleration, limits.jerk) =
         (Axes::repeat(100.0), Axes::repeat(2500.0), Axes::repeat(2e6));
@@ -295,7 +295,7 @@ fn a_micrometre_beside_a_metre_arrives_with_it() {
 
 /// The solver reads its vectors past their end if they are short, and waypoints would leave the computer.
 #[test]
-fn one_module_alone_names_the_solver_and_gives_it_no_waypoints() {
+fn one_module_names_the_solver_and_sets_no_waypoints() {
     let sources = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     for file in std::fs::read_dir(sources).unwrap() {
         let path = file.unwrap().path();

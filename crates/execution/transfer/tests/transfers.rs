@@ -128,7 +128,7 @@ fn campaign_of(seed: u64, cases: usize, sync: Sync) -> Tally {
 }
 
 #[test]
-fn synchronised_transfers_between_moving_states_keep_every_limit() {
+fn synchronised_transfers_keep_every_limit() {
     let tally = campaign_of(0x7a_0001, 1500, Sync::Time);
     assert!(tally.stop_and_go * 100 <= tally.ruckig, "{tally:?}");
 }
@@ -202,7 +202,7 @@ fn axes_by_themselves_arrive_as_if_they_were_alone() {
 }
 
 #[test]
-fn a_straight_transfer_keeps_to_its_line_also_when_it_starts_and_ends_moving() {
+fn a_straight_transfer_of_moving_states_is_straight() {
     let (mut random, cases) = campaign(0x7a_0007, 300);
     for case in 0..cases {
         let limits = limits(&mut random, 5);
@@ -265,7 +265,7 @@ fn before_and_after_there_is_the_start_and_the_target() {
 }
 
 #[test]
-fn the_same_question_has_the_same_answer_to_the_last_bit() {
+fn the_same_input_gives_the_same_bits() {
     let (mut random, cases) = campaign(0x7a_0009, 100);
     for _ in 0..cases {
         let limits = limits(&mut random, 6);

@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn a_segment_whose_creator_lives_stays_however_old_it_is() {
+    fn segment_of_running_creator_stays_however_old() {
         let folder = tempfile::tempdir().unwrap();
         let [completed, other] = ["p-completed", "q-other"].map(|name| begun(folder.path(), name));
         std::thread::scope(|scope| {

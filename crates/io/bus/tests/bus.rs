@@ -40,7 +40,7 @@ fn every_setpoint_arrives_once_and_in_order() {
 }
 
 #[test]
-fn a_reader_that_sleeps_loses_the_oldest_and_never_stops_the_core() {
+fn slow_reader_loses_oldest_and_never_blocks_core() {
     let domain = PrivateDomain::new();
     let config = BusConfig {
         setpoint_buffer: 100,
@@ -64,7 +64,7 @@ fn a_reader_that_sleeps_loses_the_oldest_and_never_stops_the_core() {
 }
 
 #[test]
-fn what_was_sent_is_still_read_after_the_core_has_closed() {
+fn messages_stay_readable_after_core_has_closed() {
     let domain = PrivateDomain::new();
     let mut core = CoreBus::open(&domain.core("mill")).expect("a core");
     let client = domain.client("mill");
@@ -114,7 +114,7 @@ fn status_is_the_latest_for_early_and_late_readers() {
 }
 
 #[test]
-fn texts_and_alarms_that_do_not_fit_are_cut_and_counted() {
+fn oversized_texts_and_alarms_are_cut_and_counted() {
     let mut status = Status::default();
     // 127 bytes and a character of two: the cut must not fall into it.
     status.set_program(&format!("{}ä", "x".repeat(127)));
@@ -250,7 +250,7 @@ fn two_machines_run_side_by_side_by_name() {
 }
 
 #[test]
-fn a_second_core_of_a_name_is_refused_with_the_first_ones_process() {
+fn second_core_of_name_is_refused_with_pid_of_first() {
     let domain = PrivateDomain::new();
     let _first = CoreBus::open(&domain.core("mill")).expect("a core");
     let pid = i32::try_from(std::process::id()).ok();
@@ -270,7 +270,7 @@ fn a_second_core_of_a_name_is_refused_with_the_first_ones_process() {
 }
 
 #[test]
-fn a_core_starts_again_after_it_was_closed_with_other_settings_too() {
+fn closed_core_reopens_even_with_other_settings() {
     let domain = PrivateDomain::new();
     for period_ns in [PERIOD_NS, 500_000, 28_571] {
         let config = BusConfig {
@@ -310,7 +310,7 @@ fn a_core_starts_again_while_its_clients_stay() {
 }
 
 #[test]
-fn a_client_that_does_not_fit_fails_when_it_opens_and_names_both_values() {
+fn mismatched_client_fails_at_open_and_names_both() {
     let domain = PrivateDomain::new();
     let _core = CoreBus::open(&domain.core("mill")).expect("a core");
     let fits = ClientConfig {
@@ -367,7 +367,7 @@ fn a_client_waits_for_its_core_and_gives_up_in_time() {
 }
 
 #[test]
-fn one_subscriber_too_many_is_told_so_and_a_place_is_free_again_after_one_has_left() {
+fn excess_subscriber_is_refused_until_another_leaves() {
     let domain = PrivateDomain::new();
     let config = BusConfig {
         max_setpoint_subscribers: 2,
@@ -389,7 +389,7 @@ fn one_subscriber_too_many_is_told_so_and_a_place_is_free_again_after_one_has_le
 }
 
 #[test]
-fn senseless_settings_are_named_before_anything_is_opened() {
+fn invalid_settings_are_reported_before_opening() {
     let domain = PrivateDomain::new();
     let core = || domain.core("mill");
     for name in ["", "mill 1", "mühle", "a/b", "../x", "m\0", &"m".repeat(65)] {
@@ -453,7 +453,7 @@ fn senseless_settings_are_named_before_anything_is_opened() {
 }
 
 #[test]
-fn a_command_is_answered_to_the_one_who_sent_it_and_counts_by_client() {
+fn replies_reach_their_sender_and_count_per_client() {
     let domain = PrivateDomain::new();
     let config = domain.core("mill");
     let _core = CoreBus::open(&config).expect("a core");
@@ -498,7 +498,7 @@ fn a_command_is_answered_to_the_one_who_sent_it_and_counts_by_client() {
 }
 
 #[test]
-fn a_flood_of_commands_that_nobody_waits_for_neither_blocks_the_core_nor_the_others() {
+fn command_flood_blocks_neither_core_nor_clients() {
     let domain = PrivateDomain::new();
     let config = domain.core("mill");
     let _core = CoreBus::open(&config).expect("a core");
@@ -548,7 +548,7 @@ fn texts_of_commands_keep_to_their_room() {
 
 /// The removal of a domain waits for processes that are ending in it.
 #[test]
-fn a_domain_is_cleared_away_once_its_last_process_has_ended() {
+fn domain_is_removed_after_its_last_process_ends() {
     let domain = PrivateDomain::new();
     let (ends, config) = (Arc::new(AtomicBool::new(false)), domain.core("mill"));
     let (tell, told) = std::sync::mpsc::channel();

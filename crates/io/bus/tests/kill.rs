@@ -101,7 +101,7 @@ fn a_core_killed_at_any_moment_starts_again() {
 
 /// A process can die between the creation of any two of the files that show whether it is alive.
 #[test]
-fn nodes_whose_monitor_is_not_whole_are_cleared_away_with_their_domain() {
+fn nodes_with_broken_monitor_are_removed_with_domain() {
     let parts = [
         "details",
         "node_monitor",
@@ -163,7 +163,7 @@ fn nodes_whose_monitor_is_not_whole_are_cleared_away_with_their_domain() {
 }
 
 #[test]
-fn clients_survive_the_death_of_their_core_and_read_the_next() {
+fn clients_survive_core_death_and_read_next_core() {
     let domain = PrivateDomain::new();
     let mut random = Random::new();
     let child = start(&domain.prefix);

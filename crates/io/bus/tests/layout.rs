@@ -25,7 +25,7 @@ fn tools() -> PathBuf {
 }
 
 #[test]
-fn the_shipped_header_and_module_are_the_generated_ones() {
+fn shipped_header_and_module_match_generated_ones() {
     for (file, text) in [
         ("include/evolvent_bus.h", evolvent_bus::c_header()),
         ("python/evolvent_bus.py", evolvent_bus::python_module()),
@@ -84,7 +84,7 @@ fn fields_lie_where_natural_alignment_puts_them() {
 }
 
 #[test]
-fn a_default_payload_is_compatible_and_zero_behind_its_head() {
+fn default_payload_is_compatible_and_zero_after_head() {
     let setpoint = Setpoint::default();
     assert!(setpoint.is_compatible());
     assert!(

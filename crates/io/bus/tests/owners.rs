@@ -80,7 +80,7 @@ fn counter_to_be(domain: &PrivateDomain) -> PathBuf {
 }
 
 #[test]
-fn a_counter_that_was_cut_off_or_opened_to_all_holds_nobody_up() {
+fn truncated_or_world_writable_counter_blocks_nobody() {
     let domain = PrivateDomain::new();
     let core = CoreBus::open(&domain.core("mill")).expect("a core");
     for (size, rights) in [(0, 0o666), (0, 0o600), (16, 0o666), (3, 0o600)] {
@@ -102,7 +102,7 @@ fn a_counter_that_was_cut_off_or_opened_to_all_holds_nobody_up() {
 }
 
 #[test]
-fn what_another_user_has_put_there_is_named_with_its_owner_at_once() {
+fn file_of_another_user_is_reported_with_its_owner() {
     if !is_root() {
         return;
     }
@@ -187,7 +187,7 @@ fn too_few_descriptors_are_named_with_the_limit() {
 }
 
 #[test]
-fn a_folder_of_another_user_is_refused_with_its_owner_and_the_cure() {
+fn folder_of_another_user_is_refused_with_remedy() {
     if !is_root() {
         return;
     }
@@ -214,7 +214,7 @@ fn a_folder_of_another_user_is_refused_with_its_owner_and_the_cure() {
 }
 
 #[test]
-fn who_looks_for_the_core_of_another_user_is_told_whose_it_is() {
+fn missing_core_error_names_owner_of_another_core() {
     if !is_root() {
         return;
     }

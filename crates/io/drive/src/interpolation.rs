@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn every_period_told_is_told_exactly_and_every_other_names_one_that_can_be() {
+    fn periods_are_exact_or_nearest_possible_is_named() {
         for period_ns in (28_571..4_000_000).step_by(997) {
             match InterpolationTime::from_period_ns(period_ns) {
                 Ok(time) => assert_eq!(time.period_ns(), period_ns),

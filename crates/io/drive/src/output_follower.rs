@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_messages_change_nothing_and_a_flood_loses_the_last_state_never() {
+    fn damaged_outputs_are_ignored_and_flood_keeps_last() {
         let mut outputs = OutputFollower::default();
         outputs.offer(0, &message(1, 0, 0b01)).unwrap();
         let mut bad = message(2, 1, 0b11);

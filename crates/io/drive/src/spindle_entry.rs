@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn each_kind_of_wrong_message_is_refused_and_changes_nothing() {
+    fn wrong_messages_are_refused_and_change_nothing() {
         let now = 1000 * MS;
         let good = message(5, now);
         let wrong = [
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bridge_that_was_started_again_is_heard_when_the_last_one_is_forgotten() {
+    fn restarted_bridge_is_accepted_after_timeout() {
         let mut entry = entry();
         entry.take(&message(9, 1000 * MS), 1000 * MS).unwrap();
         let next = SpindleFeedback {

@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn it_comes_to_its_angle_from_rest_and_speed_by_its_way_and_against_a_drift() {
+    fn spindle_orients_in_any_direction_despite_drift() {
         for angle_deg in [0.0, 90.0, 251.0] {
             for way in [0, 1, 2] {
                 for start in [(0.2, 0.0), (0.2, 900.0), (3.7, -700.0)] {

@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn torque_that_was_lost_while_braking_does_not_come_back() {
+    fn torque_lost_while_braking_does_not_return() {
         let mut power = SpindlePower::default();
         assert!(power.step(true, true, false), "on the way to operation");
         assert!(power.step(true, false, true));

@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_decay_is_continuous_and_takes_its_fraction_of_the_limits() {
+    fn decay_is_continuous_and_within_its_limit_fraction() {
         let limits = [500.0, 5_000.0, 200_000.0];
         for (distance, velocity) in [(0.5, 0.0), (-0.3, 0.5), (0.05, -0.5), (0.0, 0.5), (1e-9, 0.0)] {
             let offset = StartOffset::new(distance, velocity, limits);

@@ -11,7 +11,7 @@ use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback, Setpoint};
 
 #[test]
-fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
+fn drive_period_allocates_nothing() {
     let period_ns = 1_000_000;
     let mut watch = FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::from_bits(0b111)));
     let mut lock = PhaseLock::new(PhaseSettings {

@@ -67,7 +67,7 @@ fn distances_and_times_are_those_of_the_textbook() {
 }
 
 #[test]
-fn what_already_comes_to_rest_by_itself_only_takes_its_acceleration_back() {
+fn self_stopping_motion_only_removes_acceleration() {
     let jerk = 1000.0;
     let start = BrakeState {
         position: 1.0,
@@ -97,7 +97,7 @@ fn nonsense_stands_still() {
 /// The acceleration already exceeds the limit: it is reduced together with the velocity, and both reach zero
 /// together.
 #[test]
-fn a_brake_that_begins_beyond_its_limit_ends_at_rest_all_the_same() {
+fn brake_from_beyond_its_limit_still_ends_at_rest() {
     for velocity in [0.7, 10.0, -0.7, -10.0_f64] {
         let start = BrakeState {
             position: 0.0,

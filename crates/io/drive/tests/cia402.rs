@@ -26,7 +26,7 @@ fn matches(word: u16, pattern: &str) -> bool {
 }
 
 #[test]
-fn every_status_word_is_read_as_the_table_says_and_none_as_two_states() {
+fn every_status_word_decodes_to_one_state_of_table() {
     for word in 0..=u16::MAX {
         let rows: Vec<DriveState> = STATUS_WORDS
             .iter()
@@ -39,7 +39,7 @@ fn every_status_word_is_read_as_the_table_says_and_none_as_two_states() {
 }
 
 #[test]
-fn a_drive_reports_a_status_word_of_the_state_that_it_is_in() {
+fn drive_reports_status_word_of_its_state() {
     let mut drive = DriveMachine::new(QuickStopOption::ThenDisabled);
     for word in [0, 0x06, 0x07, 0x0F, 0x02] {
         let state = drive.step(
@@ -135,7 +135,7 @@ fn drive_in(state: DriveState, option: QuickStopOption) -> DriveMachine {
 }
 
 #[test]
-fn each_state_answers_each_control_word_by_the_table_of_transitions_and_no_other() {
+fn transitions_follow_table_for_every_control_word() {
     let moving = DriveEvents {
         ready: true,
         ..DriveEvents::default()
@@ -163,7 +163,7 @@ fn each_state_answers_each_control_word_by_the_table_of_transitions_and_no_other
 }
 
 #[test]
-fn a_quick_stop_ends_disabled_at_rest_or_stays_as_the_option_says() {
+fn quick_stop_ends_disabled_or_stays_by_option() {
     let rest = DriveEvents {
         ready: true,
         at_rest: true,
@@ -194,7 +194,7 @@ fn a_quick_stop_ends_disabled_at_rest_or_stays_as_the_option_says() {
 }
 
 #[test]
-fn a_fault_in_any_state_brakes_first_and_is_reset_by_an_edge_once_its_cause_is_gone() {
+fn fault_brakes_first_and_reset_needs_edge_and_cause() {
     for (state, _) in STATUS_WORDS {
         if state.is_fault() || state == DriveState::NotReadyToSwitchOn {
             continue;
@@ -288,7 +288,7 @@ impl Pair {
 }
 
 #[test]
-fn a_request_brings_a_fresh_drive_into_operation_in_four_periods_with_the_target_where_it_stands() {
+fn fresh_drive_enables_in_four_periods_without_motion() {
     let mut pair = Pair::new();
     assert_eq!(pair.run(PowerRequest::On, 4), DriveState::OperationEnabled);
     // The target is checked in each period by `run`: actual position before, setpoint from here on.
@@ -297,7 +297,7 @@ fn a_request_brings_a_fresh_drive_into_operation_in_four_periods_with_the_target
 }
 
 #[test]
-fn after_a_fault_power_comes_back_only_by_reset_and_a_new_request() {
+fn power_after_fault_needs_reset_and_new_request() {
     let mut pair = Pair::new();
     pair.run(PowerRequest::On, 5);
     pair.events.fault = Some(0x8611);
@@ -383,7 +383,7 @@ fn the_counter_of_another_core_is_no_request() {
 }
 
 #[test]
-fn a_quick_stop_ends_without_torque_and_locks_out_until_another_request() {
+fn quick_stop_ends_without_torque_until_new_request() {
     let mut pair = Pair::new();
     pair.run(PowerRequest::On, 5);
     pair.events.at_rest = false;
@@ -412,7 +412,7 @@ fn power_that_is_off_without_a_core_unlocks_nothing() {
 
 /// The core commands rest long before a drive with a longer ramp (object 6085h) has stopped.
 #[test]
-fn power_off_does_not_cut_the_ramp_of_a_drive_that_brakes() {
+fn power_off_does_not_cut_ramp_of_braking_drive() {
     for end in [
         |pair: &mut Pair| pair.events.at_rest = true,
         // For a drive that stays in quick stop active (605Ah 5 to 8), standstill is detected by its position.
@@ -433,7 +433,7 @@ fn power_off_does_not_cut_the_ramp_of_a_drive_that_brakes() {
 
 /// A drive that does not stop, or whose speed is unknown, finally loses its voltage.
 #[test]
-fn a_drive_that_never_stops_loses_its_voltage_after_two_seconds() {
+fn drive_that_never_stops_is_disabled_after_2_s() {
     for is_standing in [None, Some(false)] {
         let mut pair = Pair::new();
         pair.run(PowerRequest::On, 5);
@@ -485,7 +485,7 @@ fn a_fault_reaction_keeps_its_voltage_as_long() {
 }
 
 #[test]
-fn an_unknown_status_word_or_a_setpoint_that_is_no_number_moves_nothing() {
+fn unknown_status_word_or_nan_setpoint_moves_nothing() {
     let mut controller = Cia402::new();
     let order = controller.step(0x6F, PowerRequest::On, None, 1.0, 2.0, Braking::default());
     assert_eq!(

@@ -81,7 +81,7 @@ fn can_be_true(feedback: &Feedback) -> bool {
 }
 
 #[test]
-fn feedback_is_believed_exactly_where_every_field_can_be() {
+fn feedback_is_accepted_if_every_field_is_possible() {
     let (bounds, mut random) = (bounds(), Random::new());
     assert_eq!(bounds.check(NOW_NS, &good()), Ok(()));
     let mut counts = [0, 0];

@@ -115,7 +115,7 @@ impl Bench {
 }
 
 #[test]
-fn complete_setpoints_are_followed_to_the_bit_at_their_due_times_and_exactly_in_between() {
+fn setpoints_are_exact_at_due_times_and_between() {
     let mut bench = Bench::new();
     for cycle in 0..400 {
         let target = bench.cycle(Some(setpoint(cycle)));
@@ -174,7 +174,7 @@ fn a_few_missing_setpoints_are_bridged_within_a_hair() {
 /// The setpoints end at 50 random moments. The axes continue for the bridged periods, brake within the
 /// limits, and hold.
 #[test]
-fn silence_at_any_moment_ends_at_rest_within_the_limits_and_never_goes_on_without_bound() {
+fn silence_ends_at_rest_within_limits_and_bounded() {
     let mut random = Random::new();
     for _ in 0..50 {
         let end = random.between(30.0, 600.0) as u64;
@@ -200,7 +200,7 @@ fn silence_at_any_moment_ends_at_rest_within_the_limits_and_never_goes_on_withou
 }
 
 #[test]
-fn a_bridge_that_was_kept_from_running_brakes_from_its_last_target_instead_of_jumping() {
+fn suspended_bridge_brakes_from_last_target() {
     for pause in [u64::from(BRIDGED) + 1, 60, 400] {
         let mut bench = Bench::new();
         bench.run(0, 300, |_| false);
@@ -228,7 +228,7 @@ fn a_bridge_that_was_kept_from_running_brakes_from_its_last_target_instead_of_ju
 }
 
 #[test]
-fn after_a_pause_following_begins_again_only_where_the_axes_stand() {
+fn following_resumes_only_at_positions_of_axes() {
     let mut bench = Bench::new();
     bench.run(0, 200, |_| false);
     bench.run(200, 600, |_| true);
@@ -281,7 +281,7 @@ fn a_jump_is_refused_and_what_follows_it_too() {
 /// Setpoints arrive two periods before they are due: the one that arrives in the period in which following
 /// starts was not checked.
 #[test]
-fn a_jump_that_was_queued_before_the_drives_came_into_operation_is_refused_too() {
+fn jump_queued_before_enabling_is_refused() {
     let wrongs: [fn(&mut Setpoint); 3] = [
         |setpoint| setpoint.position[0] += 3.0,
         |setpoint| setpoint.velocity[1] = 2.0 * LIMITS[0],
@@ -319,7 +319,7 @@ fn a_jump_that_was_queued_before_the_drives_came_into_operation_is_refused_too()
 
 /// Finite numbers and increasing due times that no axis can follow.
 #[test]
-fn accelerations_and_due_times_that_are_impossible_are_refused() {
+fn impossible_accelerations_and_times_are_refused() {
     let (begin, until) = (100, 160);
     let deceptions: [fn(&mut Setpoint); 4] = [
         |setpoint| setpoint.acceleration[0] = 1e9,
@@ -361,7 +361,7 @@ fn accelerations_and_due_times_that_are_impossible_are_refused() {
 }
 
 #[test]
-fn numbers_that_are_none_times_long_past_and_far_ahead_and_repetitions_change_nothing() {
+fn nan_late_far_and_repeated_setpoints_change_nothing() {
     let mut bench = Bench::new();
     bench.run(0, 100, |_| false);
     let before = bench.follower.missed();
@@ -397,7 +397,7 @@ fn numbers_that_are_none_times_long_past_and_far_ahead_and_repetitions_change_no
 /// A core dies in mid-motion and another starts at zero: the axes brake, under torque although the new core
 /// does not request it yet, and then follow its request.
 #[test]
-fn another_core_stops_the_motion_of_the_one_before_within_the_limits() {
+fn new_core_stops_motion_of_old_one_within_limits() {
     let mut bench = Bench::new();
     bench.run(0, 180, |_| false);
     let mut off_after = None;
@@ -428,7 +428,7 @@ fn another_core_stops_the_motion_of_the_one_before_within_the_limits() {
 }
 
 #[test]
-fn while_the_drives_do_not_follow_the_target_is_where_they_are() {
+fn target_is_actual_position_while_not_following() {
     let mut follower = Follower::new(settings()).expect("limits");
     let mut now_ns = 3_000_000;
     for cycle in 0..50 {
@@ -442,7 +442,7 @@ fn while_the_drives_do_not_follow_the_target_is_where_they_are() {
 }
 
 #[test]
-fn drives_that_do_not_follow_yet_get_no_power_from_a_silent_core() {
+fn silent_core_gives_no_power_before_following() {
     let mut follower = Follower::new(settings()).expect("limits");
     let mut now_ns = 5_000_000;
     for cycle in 0..10 {
@@ -462,7 +462,7 @@ fn drives_that_do_not_follow_yet_get_no_power_from_a_silent_core() {
 }
 
 #[test]
-fn a_quick_stop_is_passed_on_at_once_however_late_or_wrong_it_comes() {
+fn late_or_wrong_quick_stop_is_passed_on_at_once() {
     let mut bench = Bench::new();
     bench.run(0, 100, |_| false);
     let mut stop = setpoint(100);
@@ -481,7 +481,7 @@ fn a_quick_stop_is_passed_on_at_once_however_late_or_wrong_it_comes() {
 }
 
 #[test]
-fn a_new_datum_at_rest_shifts_the_names_of_places_and_moves_nothing() {
+fn new_datum_at_rest_shifts_positions_without_motion() {
     let mut bench = Bench::new();
     bench.run(0, 10, |_| false);
     let mut shifts = Vec::new();
@@ -532,7 +532,7 @@ fn settings_that_are_none_are_named() {
 /// 35 kHz: the core sends nothing for 1.5 ms in motion, then the missed setpoints, and a scheduling pause of
 /// that length stops no axis.
 #[test]
-fn a_pause_of_the_host_at_a_high_rate_does_not_stop_the_axes() {
+fn host_pause_at_high_rate_does_not_stop_axes() {
     let period_ns = 28_571;
     for (pause_ns, is_stopped) in [(1_500_000, false), (3_000_000, true)] {
         let settings = FollowerSettings {

@@ -423,7 +423,7 @@ fn true_coordinates_are_squared_when_power_comes() {
 /// Home switches that are limit switches as well: the first side does not stop the axis before the other
 /// reaches its switch.
 #[test]
-fn the_limit_of_the_side_that_came_first_is_hidden_in_its_direction_until_both_have_closed() {
+fn first_side_limit_is_hidden_until_both_closed() {
     let mut gantry = Gantry::new(GantrySettings {
         squaring_offset: 0.0,
         max_difference: 1.0,

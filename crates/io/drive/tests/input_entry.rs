@@ -38,7 +38,7 @@ fn a_good_message_is_known_until_it_is_too_old() {
 }
 
 #[test]
-fn everything_that_cannot_be_is_refused_and_the_last_good_message_stays() {
+fn impossible_inputs_are_refused_and_last_good_kept() {
     type Spoil = fn(&mut MachineInputs);
     let cases: [(Spoil, InputFault); 9] = [
         (|m| m.analog[2] = f64::NAN, InputFault::NotFinite),
@@ -82,7 +82,7 @@ fn a_value_that_was_not_read_may_be_anything() {
 }
 
 #[test]
-fn a_message_ahead_of_the_clock_grows_old_from_when_it_came() {
+fn message_ahead_of_clock_ages_from_its_arrival() {
     let mut entry = entry();
     let message = MachineInputs {
         time_ns: NOW + TIMEOUT,
@@ -93,7 +93,7 @@ fn a_message_ahead_of_the_clock_grows_old_from_when_it_came() {
 }
 
 #[test]
-fn two_bridges_read_different_inputs_and_never_the_same() {
+fn two_bridges_send_different_inputs_never_same_ones() {
     let mut entry = entry();
     let other = MachineInputs {
         instance: 8,

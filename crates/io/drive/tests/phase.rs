@@ -34,7 +34,7 @@ fn cycles_to_the_drift(row: usize, delay: usize) -> usize {
 /// At 35 kHz the loop computes nine cycles in a row, with feedback in the first of them. By the loop's
 /// equation this adds only the delay of up to a row; an integral per error would take several times as long.
 #[test]
-fn errors_once_a_row_find_the_drift_as_soon_as_errors_once_a_cycle() {
+fn one_error_per_row_finds_drift_as_fast_as_per_cycle() {
     for delay in [20, 80] {
         let each = cycles_to_the_drift(1, delay);
         for row in [2, 9, 18] {
@@ -50,7 +50,7 @@ fn errors_once_a_row_find_the_drift_as_soon_as_errors_once_a_cycle() {
 
 /// An error after a long silence does not apply to all of it.
 #[test]
-fn an_error_after_silence_counts_for_the_delay_at_most() {
+fn error_after_silence_counts_at_most_for_the_delay() {
     let settings = PhaseSettings {
         period_ns: 1_000_000,
         delay_cycles: 10,
@@ -107,7 +107,7 @@ fn largest(values: &[f64]) -> f64 {
 }
 
 #[test]
-fn the_period_is_never_changed_by_more_than_a_thousandth() {
+fn period_changes_by_at_most_a_thousandth() {
     for (period_ns, delay) in [(28_571, 8), (1_000_000, 4), (4_000_000, 2)] {
         let limit = (period_ns as f64 * MAX_CORRECTION_RATIO) as i64;
         for start_ns in [-1e9, -5e5, 0.0, 5e5, 1e9] {
@@ -125,7 +125,7 @@ fn the_period_is_never_changed_by_more_than_a_thousandth() {
 }
 
 #[test]
-fn drift_of_200_ppm_is_taken_out_from_half_a_period_away() {
+fn drift_of_200_ppm_is_removed_from_half_a_period() {
     for (period_ns, delay) in [
         (28_571, 4),
         (125_000, 4),
@@ -237,7 +237,7 @@ fn without_news_the_drift_that_was_found_is_kept() {
 /// A delay of 4 cycles gives w = 0.01: an error of 20 ns is corrected by 2 w of it, 0.4 ns per cycle, until
 /// the 4 / w = 400th cycle without an error; after that only the integral is left, w^2 of 20 ns.
 #[test]
-fn parts_of_a_ns_add_up_and_a_correction_without_news_ends() {
+fn fractional_ns_accumulate_and_old_correction_ends() {
     let mut lock = PhaseLock::new(PhaseSettings {
         period_ns: 1_000_000,
         delay_cycles: 4,

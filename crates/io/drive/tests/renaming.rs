@@ -116,7 +116,7 @@ fn following(bench: &mut Bench) -> u64 {
 
 /// The setpoint with the new datum is some periods late, or those before it are lost.
 #[test]
-fn a_datum_that_is_late_or_follows_lost_setpoints_moves_nothing() {
+fn late_datum_or_one_after_losses_moves_nothing() {
     for silent in 1..u64::from(BRIDGED) {
         for is_lost in [false, true] {
             let mut bench = Bench::new();
@@ -149,7 +149,7 @@ fn a_datum_that_is_late_or_follows_lost_setpoints_moves_nothing() {
 }
 
 #[test]
-fn a_bridge_that_was_suspended_across_a_change_of_datum_brakes_where_it_is() {
+fn bridge_suspended_at_datum_change_brakes_in_place() {
     let mut bench = Bench::new();
     let first = following(&mut bench);
     for sequence in first..first + 40 {
@@ -202,7 +202,7 @@ fn two_changes_in_one_period_add_up() {
 
 /// A restarted core knows no datum before it receives feedback, and then takes the position of the drives.
 #[test]
-fn a_core_that_takes_over_the_bridges_datum_renames_nothing() {
+fn core_taking_over_bridge_datum_renames_nothing() {
     let mut bench = Bench::new();
     let first = following(&mut bench);
     for sequence in first..first + 20 {
@@ -422,7 +422,7 @@ fn run(random: &mut Random, met: &mut Met) {
 }
 
 #[test]
-fn at_random_losses_delays_pauses_and_power_cuts_no_axis_moves_for_a_name() {
+fn random_faults_with_datum_changes_move_no_axis() {
     let mut random = Random::new();
     let mut met = Met::default();
     for _ in 0..cases(60) {

@@ -127,7 +127,7 @@ fn axes_at_rest_go_smoothly_to_setpoints_beside_them() {
 
 /// A motion at the limits of the axes, which may already have begun when following begins.
 #[test]
-fn axes_that_move_at_once_do_so_within_their_limits_and_the_share_of_the_start() {
+fn immediate_motion_keeps_limits_plus_start_fraction() {
     for (period_ns, limits, distance) in starts() {
         for begin_s in [-0.002, 0.0, 0.01, 0.05] {
             let case = format!("{period_ns} ns, {limits:?}, {distance} mm, {begin_s} s");
@@ -175,7 +175,7 @@ fn axes_that_move_at_once_do_so_within_their_limits_and_the_share_of_the_start()
 /// Setpoints at rest jump to where following may begin: the axes, which are at rest, stop, and then move
 /// there smoothly.
 #[test]
-fn a_small_jump_that_persists_at_rest_is_no_step_of_the_targets() {
+fn persistent_small_jump_at_rest_is_no_target_step() {
     for (period_ns, limits, distance) in starts() {
         let mut bench = Bench::new(settings(period_ns, limits, SYNC), [0.0; AXES]);
         for sequence in 0..3_000_000_000 / period_ns {
@@ -197,7 +197,7 @@ fn a_small_jump_that_persists_at_rest_is_no_step_of_the_targets() {
 
 /// The core becomes silent, and homes an axis, before the distance of the start has decayed.
 #[test]
-fn brakes_and_changes_of_datum_meanwhile_move_nothing_else() {
+fn braking_and_datum_changes_at_start_add_no_motion() {
     for (period_ns, limits, distance) in starts() {
         for is_silent in [false, true] {
             let case = format!("{period_ns} ns, {limits:?}, {distance} mm, silent {is_silent}");

@@ -196,7 +196,7 @@ fn one_setpoint_out_of_reach_counts_as_missing() {
 
 /// Setpoints at one position with a velocity, and moving setpoints without one.
 #[test]
-fn velocities_that_do_not_fit_the_positions_are_not_followed() {
+fn velocities_inconsistent_with_positions_are_refused() {
     for period_ns in [4_000_000, 1_000_000, 250_000] {
         let period_s = period_ns as f64 * 1e-9;
         for (velocity, moves) in [(100.0, 0.0), (0.0, 100.0), (-100.0, 100.0)] {
@@ -247,7 +247,7 @@ fn a_step_of_velocity_is_not_followed() {
 /// An axis that the core's guard stops at the end of its travel stops at its position; without the guard's
 /// flag the axes brake within their limits.
 #[test]
-fn a_stop_at_the_end_of_the_travel_by_the_guard_is_followed() {
+fn guard_stop_at_travel_end_is_followed() {
     let (period_ns, first) = (1_000_000, 1500);
     for is_guarded in [true, false] {
         let mut bench = Bench::new(settings(period_ns, MILL, SYNC), 2);
@@ -279,7 +279,7 @@ fn a_stop_at_the_end_of_the_travel_by_the_guard_is_followed() {
 
 /// Random limits, rates, motions, losses and clocks.
 #[test]
-fn a_motion_within_the_limits_is_followed_whatever_is_lost() {
+fn motion_within_limits_is_followed_despite_losses() {
     let mut random = Random::new();
     for case in 0..cases(400) {
         let period_ns = *random.one_of(&[4_000_000, 1_000_000, 250_000, 28_571]);

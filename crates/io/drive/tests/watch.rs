@@ -83,7 +83,7 @@ fn a_repeated_sample_is_frozen() {
 }
 
 #[test]
-fn fresh_samples_with_a_dead_encoder_are_a_frozen_axis() {
+fn fresh_samples_of_dead_encoder_are_a_frozen_axis() {
     let mut bench = running();
     let position = bench.answer().position;
     let (alarm, _) = bench.alarm(500, |answer| Some(Feedback { position, ..answer }));
@@ -131,7 +131,7 @@ fn each_number_that_is_none_is_named_by_its_axis() {
 }
 
 #[test]
-fn drives_in_fault_switched_off_or_never_ready_are_told_apart() {
+fn fault_switched_off_and_never_ready_differ() {
     let mut bench = running();
     bench.status = DriveState::FaultReactionActive;
     let (alarm, cycles) = bench.alarm(1, |answer| {
@@ -176,7 +176,7 @@ fn drives_in_fault_switched_off_or_never_ready_are_told_apart() {
 }
 
 #[test]
-fn a_jump_is_a_jump_and_a_growing_error_a_following_error() {
+fn jump_and_growing_following_error_are_distinguished() {
     let (alarm, cycles) = running().alarm(3, |mut answer| {
         answer.position[0] += 2.0;
         Some(answer)
@@ -213,7 +213,7 @@ fn a_jump_is_a_jump_and_a_growing_error_a_following_error() {
 /// Following begins at a distance from the setpoints, which bridges remove in their own way: until then
 /// nothing may be moved.
 #[test]
-fn drives_are_operational_once_the_axes_are_at_their_setpoints() {
+fn drives_are_operational_once_axes_are_at_setpoints() {
     // Distance of Y from its setpoint by cycle, and the cycle from which on it is operational.
     let decays = |n: u64| 0.49 * (1.0 - n as f64 / 40.0).max(0.0);
     let stays = |_: u64| 0.3;
@@ -242,7 +242,7 @@ fn drives_are_operational_once_the_axes_are_at_their_setpoints() {
 
 /// An encoder that counts backwards drives its axis away from the start.
 #[test]
-fn axes_that_never_arrive_at_their_setpoints_are_monitored_all_the_same() {
+fn axes_never_at_their_setpoints_are_still_monitored() {
     for (off, moves) in [(0.51, 0.0), (0.3, 0.01), (0.3, 2.0)] {
         let mut bench = Bench::new(settings());
         let mut found = None;
@@ -278,7 +278,7 @@ fn axes_that_never_arrive_at_their_setpoints_are_monitored_all_the_same() {
 }
 
 #[test]
-fn the_bound_of_the_following_error_grows_with_the_velocity() {
+fn following_error_bound_grows_with_velocity() {
     // 20 ms at 300 mm/s are 6 mm: a lag of 15 ms is permitted, one of 30 ms is not.
     for (trail_s, fine) in [(0.015, true), (0.030, false)] {
         let mut bench = Bench::new(settings());
@@ -301,7 +301,7 @@ fn the_bound_of_the_following_error_grows_with_the_velocity() {
 }
 
 #[test]
-fn a_bridge_that_restarts_stops_by_itself_or_belongs_to_another_core_is_noticed() {
+fn restarted_stopped_or_foreign_bridge_is_detected() {
     let mut bench = running();
     bench.instance = 2;
     assert_eq!(bench.alarm(1, Some).0, DriveAlarm::BridgeRestarted);
@@ -326,7 +326,7 @@ fn a_bridge_that_restarts_stops_by_itself_or_belongs_to_another_core_is_noticed(
 }
 
 #[test]
-fn a_limit_switch_stops_motion_towards_it_and_not_away_from_it() {
+fn limit_switch_stops_only_motion_towards_it() {
     let at = |velocity_sign: f64, positive: bool| {
         let mut bench = running();
         while bench.command().velocity[0] * velocity_sign < 50.0 {
@@ -352,7 +352,7 @@ fn a_limit_switch_stops_motion_towards_it_and_not_away_from_it() {
 
 /// Homing evaluates the switch in the direction of its search itself.
 #[test]
-fn a_limit_switch_that_is_expected_at_one_end_stops_at_the_other() {
+fn limit_expected_at_one_end_stops_at_the_other() {
     for positive in [true, false] {
         let mut bench = running();
         let towards = if positive { 1.0 } else { -1.0 };
@@ -377,7 +377,7 @@ fn a_limit_switch_that_is_expected_at_one_end_stops_at_the_other() {
 }
 
 #[test]
-fn without_power_drives_and_axes_may_do_as_they_please() {
+fn axes_without_power_raise_no_alarm() {
     let mut bench = running();
     bench.power = PowerRequest::Off;
     bench.status = DriveState::Fault;
@@ -406,7 +406,7 @@ fn without_power_drives_and_axes_may_do_as_they_please() {
 }
 
 #[test]
-fn a_new_datum_is_no_jump_and_one_that_the_bridge_does_not_take_is_noticed() {
+fn new_datum_is_no_jump_and_missed_one_is_detected() {
     let mut bench = running();
     // The core assigns a new coordinate; feedback with the old one still arrives for some cycles.
     for n in 0..100 {
@@ -434,7 +434,7 @@ fn a_new_datum_is_no_jump_and_one_that_the_bridge_does_not_take_is_noticed() {
 }
 
 #[test]
-fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
+fn every_alarm_has_unique_number_and_remedy() {
     let alarms = [
         DriveAlarm::Missing { waited_ns: 1 },
         DriveAlarm::Stale {
@@ -519,7 +519,7 @@ fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
 
 /// A bridge whose clock is ahead, killed in motion: its last sample must not count as new until that time.
 #[test]
-fn no_clock_of_a_bridge_keeps_its_death_from_being_noticed() {
+fn bridge_death_is_detected_whatever_its_clock() {
     for ahead_ns in [0, 1_000_000, 15_000_000, 20_400_000, 60_000_000_000, u64::MAX / 2] {
         let mut bench = running();
         let mut found = None;
@@ -569,7 +569,7 @@ fn lost(bench: &mut Bench, cycles: u64) -> u32 {
 }
 
 #[test]
-fn a_reference_is_lost_with_the_link_unless_it_is_absolute() {
+fn link_loss_loses_reference_unless_absolute() {
     for power in [PowerRequest::Off, PowerRequest::On] {
         for absolute_mask in [0, 0b010] {
             let mut bench = Bench::new(settings());
@@ -603,7 +603,7 @@ fn a_reference_is_lost_with_the_link_unless_it_is_absolute() {
 }
 
 #[test]
-fn an_encoder_that_jumps_without_power_loses_its_reference() {
+fn encoder_jump_without_power_loses_reference() {
     let mut bounds = settings();
     bounds.bounds.set_axis(1, [0.0, 800.0], 500.0);
     let mut bench = Bench::new(bounds);

@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn codes_of_setup_have_a_remedy_and_codes_of_vendors_have_none() {
+    fn setup_codes_have_a_remedy_vendor_codes_none() {
         for (code, part) in [
             (0x1D, "--scan"),
             (0x1E, "--scan"),

@@ -631,7 +631,7 @@ mod tests {
     }
 
     #[test]
-    fn on_a_full_disk_the_older_half_gives_way_and_what_happens_is_told_at_once() {
+    fn full_disk_drops_older_half_and_reports_at_once() {
         let (errno, half) = (ENOSPC, MIN_DUMP_BYTES / 2);
         // A frame takes 248 bytes, so that a half has some 2100.
         let (numbers, told) = record_on(10 * MIN_DUMP_BYTES, u32::MAX, 10_000);

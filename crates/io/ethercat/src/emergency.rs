@@ -236,7 +236,7 @@ mod tests {
     };
 
     #[test]
-    fn an_emergency_before_a_request_is_kept_and_the_mailbox_is_emptied() {
+    fn early_emergency_is_kept_and_mailbox_emptied() {
         let mut filter = EmergencyFilter::new();
         filter.sent(&frame(FPRD, 0x1002, 0x1080, &[0; 128], 0));
         let came = frame(FPRD, 0x1002, 0x1080, &mailbox(1), 1);
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn emergencies_in_place_of_the_reply_are_held_until_it_comes() {
+    fn emergencies_before_reply_are_kept() {
         let mut filter = EmergencyFilter::new();
         let read = frame(FPRD, 0x1002, 0x1080, &[0; 128], 0);
         filter.sent(&frame(FPWR, 0x1002, 0x1000, &mailbox(2), 0));

@@ -208,7 +208,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn codes_of_vendors_are_their_own_and_those_of_the_profile_are_everybodys() {
+    fn vendor_codes_are_per_vendor_profile_codes_common() {
         assert!(fault_text_of(PANASONIC, 0xFF18).contains("following error"));
         assert!(fault_text_of(YASKAWA, 0x0D00).contains("following error"));
         assert!(fault_text_of(MAXON, 0x8A81).contains("positive limit"));

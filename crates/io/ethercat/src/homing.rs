@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn old_bits_are_not_believed_and_errors_and_time_end_it() {
+    fn homing_ignores_old_bits_and_ends_by_error_or_time() {
         let run = |status_word: u16, most: u32| {
             let mut progress = HomingProgress::Needed;
             let mut edge = None;

@@ -406,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn objects_are_found_behind_gaps_and_missing_ones_are_named() {
+    fn objects_after_gaps_are_found_missing_ones_named() {
         let gap = Mapped::from_number(0x0000_0008);
         let mut outputs = vec![gap];
         outputs.extend(wanted_outputs(VELOCITY));

@@ -58,7 +58,7 @@ mod tests {
     const PERIOD_NS: u64 = 1_000_000;
 
     #[test]
-    fn a_clock_of_either_kind_keeps_the_phase_of_its_frames() {
+    fn clocks_of_32_and_64_bits_keep_phase_of_frames() {
         let begin_ns = 77 * PERIOD_NS + 123_456;
         for mask in [u64::MAX, u64::from(u32::MAX)] {
             let mut clock = ReferenceClock::new(begin_ns & mask, 5000);

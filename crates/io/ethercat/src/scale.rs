@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_increment_of_a_long_axis_comes_back_as_itself() {
+    fn increments_of_long_axis_convert_back_exactly() {
         let scale = Scale::new(1 << 23, [7, 3], 5.08).expect("a scale");
         for increments in (-2_000_000_000_i64..2_000_000_000).step_by(7_654_321) {
             assert_eq!(scale.increments(scale.position(increments)), increments);

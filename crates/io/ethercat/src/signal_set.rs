@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn outputs_are_safe_before_the_core_as_it_says_when_due_and_safe_after_it() {
+    fn outputs_follow_core_when_due_and_are_safe_else() {
         let mut signals = signal_set();
         signals.step(1_000);
         // Clamp on, 2.5 of the valve: 2500 = 9C4h, flood off (1), no spindle.
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn inputs_are_sent_at_changes_and_every_5_ms_and_unknown_where_they_are_not_valid() {
+    fn inputs_are_sent_at_changes_and_5_ms_with_validity() {
         let mut signals = signal_set();
         // Door: bit 9 is 0, so it is on; level 16384 of 32767.
         signals.read(0, Some(&[0, 0b1101, 0x00, 0x40]));

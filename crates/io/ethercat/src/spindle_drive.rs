@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spindle_that_coasts_after_safe_torque_off_stays_without_torque() {
+    fn coasting_spindle_after_sto_stays_without_torque() {
         let mut bench = Bench::new();
         (bench.wanted.spindle_direction[0], bench.wanted.spindle_rpm[0]) = (CLOCKWISE, 300.0);
         bench.turn(500, || 300.0, READY);

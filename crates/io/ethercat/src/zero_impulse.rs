@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_impulse_after_the_arming_counts_whatever_was_latched_before() {
+    fn first_impulse_after_arming_counts_despite_old_one() {
         for probe in [ProbeNumber::One, ProbeNumber::Two] {
             let (mut drive, mut latch) = (Drive::new(probe), ZeroImpulse::default());
             let (mut armed, mut seen) = (Vec::new(), Vec::new());
@@ -195,7 +195,7 @@ mod tests {
     /// A request right after another: the drive must detect that the function was off, although its status is
     /// clear all the time.
     #[test]
-    fn it_is_off_for_some_periods_before_it_is_armed_again() {
+    fn latch_is_off_for_some_periods_before_rearming() {
         let mut latch = ZeroImpulse::default();
         let (mut off, mut shortest) = (u8::MAX, u8::MAX);
         for period in 0..60 {

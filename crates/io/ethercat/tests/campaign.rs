@@ -110,7 +110,7 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, ring: 
 }
 
 #[test]
-fn faults_at_random_moments_end_in_a_defined_stop_or_pass() {
+fn random_faults_end_in_defined_stop_or_pass() {
     const KINDS: [FaultKind; 10] = [
         FaultKind::Loss,
         FaultKind::Delay,

@@ -95,7 +95,7 @@ fn shift_jitter_and_drift_are_those_of_the_clocks() {
 /// SYNC0. Without SYNC0 it does not reach OP. Outputs that meet a SYNC0 at another remainder of 2^32 ns would
 /// be off by almost half a period.
 #[test]
-fn drives_with_clocks_of_either_kind_follow_a_reference_of_32_bits() {
+fn drives_with_any_clock_follow_32_bit_reference() {
     for short_drives in [&[][..], &[Y_DRIVE]] {
         unless_disturbed(|| {
             let with_short = |(position, device): (usize, SubDevice)| {
@@ -140,7 +140,7 @@ fn drives_with_clocks_of_either_kind_follow_a_reference_of_32_bits() {
 }
 
 #[test]
-fn the_device_whose_clock_does_not_follow_is_named_with_its_difference() {
+fn device_with_diverging_clock_is_named_with_offset() {
     unless_disturbed(|| {
         on_bench(drifting(0.0), |ring| {
             let mut truth_ns = (0.0, 0.0);

@@ -96,7 +96,7 @@ fn turns(ring: &SharedRing) -> Vec<f64> {
 
 /// Multi-turn counters 500 turns from their zero: X is homed by its drive, and begins at `zero`; Y counts on.
 #[test]
-fn a_drive_far_from_its_zero_begins_where_the_core_can_home_it() {
+fn drive_far_from_zero_starts_where_core_can_home_it() {
     unless_disturbed(|| {
         let far = DriveSettings {
             start_increments: 500 << 20,
@@ -126,7 +126,7 @@ fn a_drive_far_from_its_zero_begins_where_the_core_can_home_it() {
 /// Y first, then X; Z has no homing and holds. Without power nothing moves, and in operation the axes are at
 /// the positions of the files.
 #[test]
-fn drives_find_their_zero_in_order_when_power_is_requested() {
+fn drives_home_in_order_when_power_is_requested() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             with_bridge(
@@ -206,7 +206,7 @@ fn drives_find_their_zero_in_order_when_power_is_requested() {
 }
 
 #[test]
-fn a_homing_that_is_broken_off_or_finds_nothing_ends_at_rest() {
+fn aborted_or_failed_homing_ends_at_rest() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             with_bridge(
@@ -280,7 +280,7 @@ fn a_fault_of_another_drive_ends_homing() {
 
 /// The probe of X closes at 2.25 turns of 5 mm; the drive knows the position within a period.
 #[test]
-fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
+fn touch_probe_latches_and_following_error_is_sent() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             with_bridge(

@@ -52,7 +52,7 @@ fn a_drive_follows_its_axis() {
 }
 
 #[test]
-fn a_fault_of_one_drive_stops_the_others_and_is_told_with_its_code() {
+fn fault_of_one_drive_stops_others_and_is_reported() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             with_bridge(
@@ -127,7 +127,7 @@ fn a_device_without_supply_is_named_and_comes_back() {
 }
 
 #[test]
-fn frames_that_are_lost_stop_the_feedback_and_the_drives_stop_themselves() {
+fn lost_frames_end_feedback_and_drives_stop_alone() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             with_bridge(
@@ -166,7 +166,7 @@ fn frames_that_are_lost_stop_the_feedback_and_the_drives_stop_themselves() {
 
 /// A drive that reports a blocked motor by emergency messages: at once, and before each reply to an object.
 #[test]
-fn emergency_messages_at_start_are_told_and_the_network_comes_up() {
+fn emergencies_at_start_are_reported_and_start_works() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             begin(ring, FaultKind::Emergency, 2, None);
@@ -188,7 +188,7 @@ fn emergency_messages_at_start_are_told_and_the_network_comes_up() {
 /// Without frames drives leave OP by their watchdogs. They still increment the working counter of later
 /// frames.
 #[test]
-fn devices_that_have_left_op_are_named_and_no_working_counter_is() {
+fn devices_out_of_op_are_named_not_working_counter() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             with_bridge(
@@ -211,7 +211,7 @@ fn devices_that_have_left_op_are_named_and_no_working_counter_is() {
 }
 
 #[test]
-fn a_network_that_is_not_the_one_of_the_file_is_told_in_plain_words() {
+fn network_that_differs_from_its_file_is_reported() {
     type Edit = fn(&mut Network);
     let cases: [(Edit, &str); 5] = [
         (
@@ -292,7 +292,7 @@ fn while_moving(
 }
 
 #[test]
-fn a_cable_that_opens_stops_the_drives_before_and_behind_it() {
+fn open_cable_stops_drives_before_and_after_it() {
     while_moving(
         FaultKind::Break,
         3,
@@ -303,7 +303,7 @@ fn a_cable_that_opens_stops_the_drives_before_and_behind_it() {
 
 /// All devices report OP, and the working counter lacks the increment of one of them.
 #[test]
-fn a_device_that_does_not_count_is_named_and_stops_all_drives() {
+fn device_without_working_count_stops_all_drives() {
     while_moving(
         FaultKind::WorkingCounter,
         2,
@@ -356,7 +356,7 @@ fn a_load_that_is_blocked_is_a_following_error() {
 
 /// The switches of Z, which the network file names, are reported; those of X, which it does not, are not.
 #[test]
-fn limit_switches_are_told_where_the_network_file_names_them() {
+fn limit_switches_named_in_network_file_are_reported() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             with_bridge(

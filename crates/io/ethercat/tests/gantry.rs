@@ -65,7 +65,7 @@ fn turns(ring: &SharedRing) -> [f64; 2] {
 }
 
 #[test]
-fn both_drives_move_together_whatever_their_counters_say() {
+fn both_drives_move_together_whatever_their_counters() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             with_bridge(
@@ -96,7 +96,7 @@ fn both_drives_move_together_whatever_their_counters_say() {
 
 /// The second drive's load is blocked; its own window of following errors is a turn, 5 mm.
 #[test]
-fn drives_that_come_apart_stop_before_the_limit_is_far_behind() {
+fn drives_that_diverge_stop_soon_after_the_limit() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             with_bridge(
@@ -275,7 +275,7 @@ fn home_square(core: &mut TrialCore, ring: &SharedRing, rest_s: f64) {
 }
 
 #[test]
-fn a_racked_beam_is_square_after_the_core_has_homed_it() {
+fn homing_by_the_core_squares_a_racked_beam() {
     let mut random = Random::seeded(72);
     for _ in 0..cases(2) {
         let rack = random.between(-0.8, 0.8);
@@ -335,7 +335,7 @@ fn a_home_switch_that_never_closes_stops_both_drives() {
 /// The second drive has a fault, or loses its torque, while the beam is homed; afterwards it is homed as if
 /// nothing had happened.
 #[test]
-fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
+fn second_drive_failing_in_homing_stops_the_first() {
     for (kind, seed) in [(FaultKind::Drive, 1), (FaultKind::TorqueOff, 2)] {
         on_switch_bench(0.4, SWITCHES, move |core, ring, _| {
             let mut random = Random::seeded(seed);
@@ -367,7 +367,7 @@ fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
 }
 
 #[test]
-fn a_second_drive_needs_a_first_that_finds_its_zero_alike() {
+fn second_drive_needs_first_with_same_homing_method() {
     let text = evolvent_file_tests::shipped("networks/sim-mill.toml");
     let second = |letter: &str, more: &str| {
         format!(

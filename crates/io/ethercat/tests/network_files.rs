@@ -193,7 +193,7 @@ fn machine_and_network_are_compared() {
 
 /// The drives interpolate over the time that object 60C2h gives them.
 #[test]
-fn a_period_that_the_drives_cannot_be_given_is_refused() {
+fn period_impossible_for_the_drives_is_refused() {
     let text = shipped("machines/mill-ethercat.toml");
     let network = Network::parse(&shipped("networks/sim-mill.toml"), "network.toml").expect("a network");
     let check = |rate: &str| {
@@ -489,7 +489,7 @@ orientation = { gain = 8 }
 ";
 
 #[test]
-fn a_spindle_drive_is_read_compared_and_refused_where_it_is_wrong() {
+fn spindle_drive_is_read_and_checked_and_refused() {
     let text = shipped("networks/sim-mill.toml") + SPINDLE;
     let network = Network::parse(&text, "network.toml").expect("a network");
     let spindle = network.devices.iter().find_map(|device| device.spindle);

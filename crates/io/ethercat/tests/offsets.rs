@@ -88,7 +88,7 @@ fn moved(axis: usize, distance: f64) -> [Extremes; 2] {
 
 /// X has the direction of its motor; Y is inverted, so its forward motion is backward for its drive.
 #[test]
-fn velocity_and_torque_offsets_have_the_sign_and_size_of_the_motion_at_the_drive() {
+fn offsets_match_motion_at_drive_in_sign_and_size() {
     // Thousandths of the rated torque at full acceleration: the screw turns by 2 pi per lead.
     let torque = ACCELERATION * 2.0 * core::f64::consts::PI / LEAD_MM * INERTIA / RATED * 1000.0;
     let velocity = VELOCITY * PER_MM;

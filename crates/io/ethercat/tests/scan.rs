@@ -29,7 +29,7 @@ fn letters(text: &str) -> Vec<AxisLetter> {
 }
 
 #[test]
-fn devices_are_listed_and_the_file_of_them_fits_the_machine() {
+fn scan_lists_devices_and_its_file_fits_machine() {
     unless_disturbed(|| {
         on_bench(devices(), |_| {
             let found = scan(MAIN_INTERFACE).expect("a ring");
@@ -103,7 +103,7 @@ fn devices_are_listed_and_the_file_of_them_fits_the_machine() {
 }
 
 #[test]
-fn a_device_that_is_gone_is_not_listed_and_a_dead_wire_is_told() {
+fn missing_device_is_not_listed_dead_wire_is_reported() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             let begin = |kind, device| {

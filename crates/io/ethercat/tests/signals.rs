@@ -250,7 +250,7 @@ fn outputs_follow_the_core_and_are_safe_without_it() {
 }
 
 #[test]
-fn inputs_are_scaled_inverted_and_unknown_where_nobody_reads_them() {
+fn inputs_are_scaled_inverted_and_unknown_if_unread() {
     unless_disturbed(|| {
         on_bench(devices(), |ring| {
             with_bridge(ring, |core, ring| {

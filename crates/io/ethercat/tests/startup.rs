@@ -46,7 +46,7 @@ fn is_told_and_ends(kind: FaultKind, device: usize, texts: &'static [&'static st
 /// The object and the abort code by its name. The period of a drive may be aborted (60C2h): some take it from
 /// SYNC0 alone.
 #[test]
-fn an_object_that_a_drive_aborts_is_named_with_the_reason() {
+fn object_aborted_by_drive_is_named_with_reason() {
     is_told_and_ends(
         FaultKind::SdoAbort,
         2,
@@ -55,7 +55,7 @@ fn an_object_that_a_drive_aborts_is_named_with_the_reason() {
 }
 
 #[test]
-fn an_object_of_the_network_file_that_is_aborted_is_named_as_well() {
+fn aborted_object_of_network_file_is_named_too() {
     is_told_and_ends(
         FaultKind::SdoAbort,
         1,
@@ -94,7 +94,7 @@ fn a_slow_mailbox_is_waited_for() {
 }
 
 #[test]
-fn a_device_that_refuses_safe_op_is_named_with_the_reason_and_the_remedy() {
+fn device_refusing_safe_op_is_named_with_remedy() {
     is_told_and_ends(
         FaultKind::RefuseSafeOp,
         2,
@@ -107,7 +107,7 @@ fn a_device_that_refuses_safe_op_is_named_with_the_reason_and_the_remedy() {
 }
 
 #[test]
-fn a_device_that_refuses_op_is_named_with_the_reason_and_the_remedy() {
+fn device_refusing_op_is_named_with_remedy() {
     is_told_and_ends(
         FaultKind::RefuseOp,
         3,

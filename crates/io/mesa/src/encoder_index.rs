@@ -126,7 +126,7 @@ mod tests {
     /// A board whose packets are lost at random in either direction: the reported pulse is the first one
     /// after the arming arrived, never a later one.
     #[test]
-    fn the_first_pulse_after_the_arming_is_reported_whatever_is_lost() {
+    fn first_pulse_after_arming_is_sent_despite_losses() {
         let mut random = Random::new();
         for _ in 0..2000 {
             let (mut latch, mut control, mut number) = (EncoderIndex::default(), QUADRATURE, 0);

@@ -362,7 +362,7 @@ mod tests {
     /// 30 000 counts take 73 ms at 6000 rpm and 4096 counts per turn, less a fifth because the speed may be
     /// higher by `MARGIN`.
     #[test]
-    fn a_spindle_may_go_without_a_reading_for_less_than_half_its_counter() {
+    fn unread_time_is_limited_by_half_the_counter_range() {
         let angle = SpindleAngleSource {
             encoder: 0,
             index_rising: true,

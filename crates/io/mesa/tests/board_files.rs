@@ -129,7 +129,7 @@ fn each_motor_of_a_gantry_has_to_be_fast_enough() {
 }
 
 #[test]
-fn motors_of_a_gantry_that_do_not_belong_together_are_refused() {
+fn mismatched_gantry_motors_are_refused() {
     let servo = "encoder = 0\ncounts_per_unit = 1000\npwm = 0\nfull_velocity = 200\np_gain = 60\n";
     let steps = "stepgen = 3\nsteps_per_unit = 320\nstep_length_ns = 2500\nstep_space_ns = 2500\n\
                  direction_setup_ns = 5000\ndirection_hold_ns = 5000\n";
@@ -251,7 +251,7 @@ fn lathe_text() -> String {
 }
 
 #[test]
-fn the_shipped_lathe_fits_its_machine_and_its_spindle_is_measured() {
+fn shipped_lathe_fits_machine_and_measures_spindle() {
     let machine = machine("lathe-mesa");
     let board = BoardSettings::parse(&lathe_text(), "b.toml").expect("a board file");
     check_fit(&machine, &board).expect("a fit");
@@ -298,7 +298,7 @@ fn one_spindle_or_several_are_read() {
 }
 
 #[test]
-fn what_of_a_spindle_makes_no_sense_is_refused_with_its_place() {
+fn invalid_spindle_entries_are_refused_with_position() {
     use evolvent_file_tests::{Edit, assert_refused, edit};
     let at = |from, to, key, line| Edit {
         line,

@@ -104,7 +104,7 @@ fn outputs_go_to_pins() {
 
 /// The register has only 16 bits, but a wheel may be turned for years.
 #[test]
-fn an_analog_input_counts_what_a_hand_turns_at_an_encoder() {
+fn analog_input_counts_handwheel_encoder() {
     unless_disturbed(|| {
         let (server, address) = serve(BoardModel::B7i96s);
         let text = evolvent_file_tests::shipped("machines/router-3axis.toml")

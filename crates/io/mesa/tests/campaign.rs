@@ -104,7 +104,7 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, server
 }
 
 #[test]
-fn faults_at_random_moments_end_in_a_defined_stop_or_pass() {
+fn random_faults_end_in_defined_stop_or_pass() {
     for (kind, name) in FaultKind::ALL {
         with_bridge(
             |_| {},

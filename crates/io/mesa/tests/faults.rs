@@ -258,7 +258,7 @@ fn analog_servos_follow_by_their_encoders() {
 /// 16 bits are 65 536 counts: at 140 mm/s and 1000 counts per mm a full wrap takes 0.47 s, and half of it
 /// 0.23 s.
 #[test]
-fn a_counter_that_was_not_read_for_too_long_ends_the_session() {
+fn counter_unread_for_too_long_ends_session() {
     let suspend_ms = AtomicU64::new(0);
     let slow_watchdog = |board: &mut BoardSettings| {
         servos(board);
@@ -306,7 +306,7 @@ fn a_counter_that_was_not_read_for_too_long_ends_the_session() {
 
 /// 1.2 x 150 mm/s x 4000 counts a mm are 30 000 counts in 41.7 ms, 20 of this core's periods.
 #[test]
-fn lost_packets_in_which_a_counter_may_turn_over_are_refused() {
+fn losses_that_allow_a_counter_wrap_are_refused() {
     let fast = |board: &mut BoardSettings| {
         servos(board);
         board.max_lost_packets = 41;
@@ -361,7 +361,7 @@ fn a_spindle_turns_by_its_pwm_and_stops_with_the_core() {
 /// The board still receives packets when its replies are lost: the axes brake with them, which takes time,
 /// but outputs do not wait.
 #[test]
-fn outputs_are_safe_while_the_axes_still_brake_at_the_end_of_a_session() {
+fn outputs_are_safe_while_axes_brake_at_session_end() {
     with_bridge(
         |_| {},
         |core, server, _| {

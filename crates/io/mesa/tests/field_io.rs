@@ -91,7 +91,7 @@ fn with_bridge(
 }
 
 #[test]
-fn isolated_outputs_close_and_filtered_inputs_are_read() {
+fn isolated_outputs_close_filtered_inputs_are_read() {
     // Both kinds of outputs: SSR at pin 14, OutM at 15.
     with_bridge(
         "ssr",
@@ -124,7 +124,7 @@ fn isolated_outputs_close_and_filtered_inputs_are_read() {
 
 /// Pin 14 with a machine file whose safe value is on, and with one whose safe value is off.
 #[test]
-fn outputs_are_safe_until_a_core_says_otherwise_in_each_session() {
+fn outputs_are_safe_until_core_sets_them_per_session() {
     for is_safe_on in [true, false] {
         let text = evolvent_file_tests::shipped("machines/router-3axis.toml").replace(
             "name = \"dust-extraction\"\n",

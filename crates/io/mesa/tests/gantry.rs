@@ -147,7 +147,7 @@ fn switch_off(core: &mut TrialCore) {
 }
 
 #[test]
-fn a_racked_beam_is_square_after_the_core_has_homed_it() {
+fn homing_by_the_core_squares_a_racked_beam() {
     let mut random = Random::seeded(72);
     for _ in 0..cases(3) {
         let rack = random.between(-0.8, 0.8);
@@ -235,7 +235,7 @@ fn a_home_switch_that_never_closes_stops_both_motors() {
 /// One side is blocked while the axis moves: encoders show it, so both stop before the beam is racked much
 /// farther than permitted.
 #[test]
-fn a_blocked_servo_stops_both_before_the_limit_is_far_behind() {
+fn blocked_servo_stops_both_soon_after_the_limit() {
     on_beam(BoardModel::B7i97, 0.0, |core, server, messages| {
         core.bring_up();
         core.velocity_x = 30.0;
@@ -262,7 +262,7 @@ fn a_blocked_servo_stops_both_before_the_limit_is_far_behind() {
 
 /// Steppers do not show that one was blocked. The next homing detects it, and does not continue.
 #[test]
-fn steps_that_a_blocked_side_has_lost_are_found_by_homing() {
+fn homing_finds_steps_lost_by_a_blocked_side() {
     on_beam(BoardModel::B7i96s, 0.0, |core, server, _| {
         core.bring_up();
         core.home_x(&HOMING, |_| {}).expect("machine zero");
@@ -296,7 +296,7 @@ fn steps_that_a_blocked_side_has_lost_are_found_by_homing() {
 /// The drive of the second motor has a fault during homing; afterwards the beam is homed as if nothing had
 /// happened.
 #[test]
-fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
+fn second_drive_failing_in_homing_stops_the_first() {
     let mut random = Random::seeded(74);
     for _ in 0..cases(2) {
         let at = 50 + random.below(1200);

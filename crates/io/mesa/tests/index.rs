@@ -189,7 +189,7 @@ fn lost_packets_lose_no_pulse() {
 }
 
 #[test]
-fn without_a_wire_nothing_is_latched_and_steppers_have_none() {
+fn nothing_latches_without_wire_or_on_steppers() {
     with_latch([0.0; 3], |latch| {
         latch.server.lock().fault_now(FaultKind::IndexMissing, None);
         latch.core.request_index(0);

@@ -158,7 +158,7 @@ fn a_watchdog_of_a_period_is_refused() {
 
 /// Errors of the file alone: no board is needed.
 #[test]
-fn a_pin_or_unit_with_two_uses_is_told_when_the_file_is_read() {
+fn pin_or_unit_used_twice_is_reported_at_reading() {
     let servo = "\n[[axis]]\nletter = \"A\"\nencoder = 1\npwm = 0\ncounts_per_unit = 1000\n\
                  full_velocity = 200\np_gain = 60\n";
     let count = "\n[[input]]\nname = \"a\"\nencoder = 1\n[[input]]\nname = \"b\"\nencoder = 1\n";

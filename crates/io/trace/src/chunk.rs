@@ -174,7 +174,7 @@ mod tests {
 
     /// The `mcap` crate panics at the first of them.
     #[test]
-    fn attachments_that_end_within_their_checksum_are_damage() {
+    fn attachments_ending_in_their_checksum_are_damage() {
         for length in 0..40 {
             assert!(parse(op::ATTACHMENT, &vec![0; length]).is_none());
         }

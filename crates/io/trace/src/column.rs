@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_column_takes_no_room_and_a_smooth_one_little() {
+    fn constant_column_takes_no_bytes_and_smooth_one_few() {
         let constant = bits(&[std::f64::consts::PI; 1000]);
         let packed = check(Kind::Double, &constant, None);
         assert!(packed.coded == 1 && packed.rests.len() < 13, "{packed:?}");
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_columns_are_refused_or_give_numbers_but_never_panic() {
+    fn damaged_columns_are_refused_or_read_without_panic() {
         let values: Vec<f64> = (0..300).map(|n| (f64::from(n) * 0.01).sin() * 100.0).collect();
         let packed = check(Kind::Double, &bits(&values), None);
         for cut in 0..packed.rests.len() {

@@ -165,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn events_of_a_later_version_are_read_and_invalid_ones_are_not() {
+    fn later_version_events_are_read_invalid_ones_are_not() {
         assert_eq!(event_kind(2), Some(EventKind::Alarm));
         assert_eq!(event_kind(14), Some(EventKind::Switched));
         assert_eq!(event_kind(16), Some(EventKind::Output));

@@ -179,7 +179,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_value_lies_in_a_bucket_that_is_at_most_a_sixteenth_too_great() {
+    fn bucket_of_a_value_is_at_most_a_sixteenth_too_high() {
         for ns in (0..5000_u64)
             .chain((0..40).map(|bit| 1 << bit))
             .chain((1..40).map(|bit| (1 << bit) - 1))

@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn what_cannot_be_written_stays_in_memory_until_it_can() {
+    fn failed_writes_stay_in_memory_until_written() {
         let folder = tempfile::tempdir().unwrap();
         let mut scratch = Scratch::in_folder(folder.path().to_owned());
         let mut all = fill(&mut scratch, 20_000);

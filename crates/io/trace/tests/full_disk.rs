@@ -43,7 +43,7 @@ fn cycles_of(path: &Path) -> u64 {
 }
 
 #[test]
-fn whatever_the_size_of_the_disk_what_was_flushed_is_readable() {
+fn flushed_data_is_readable_for_any_disk_size() {
     let folder = common::folder();
     let path = folder.path().join("small.mcap");
     for manners in [Manners::Foresees, Manners::Truncates, Manners::Stubborn] {
@@ -175,7 +175,7 @@ fn on_a_stubborn_disk_what_was_flushed_is_recovered() {
 }
 
 #[test]
-fn after_the_error_every_call_gives_it_again_and_touches_nothing() {
+fn calls_after_error_repeat_it_and_touch_nothing() {
     let disk = SmallDisk::new(80_000, Manners::Foresees);
     let mut recorder =
         Recorder::with_sink(Box::new(disk.clone()), Path::new("small.mcap"), &info("XYZ")).expect("creating");
@@ -207,7 +207,7 @@ fn the_full_device_is_named_as_full() {
 /// A real full file system, if the user may mount one.
 #[test]
 #[cfg(target_os = "linux")]
-fn a_full_file_system_leaves_a_file_that_holds_what_was_flushed() {
+fn full_file_system_leaves_file_with_flushed_data() {
     use std::process::Command;
     let folder = common::folder();
     let mount = folder.path().join("small");

@@ -47,7 +47,7 @@ fn every_cycle_way() {
 }
 
 #[test]
-fn reference_implementation_reads_the_same_and_finds_every_checksum_right() {
+fn reference_implementation_reads_same_with_checksums() {
     let folder = common::folder();
     let path = folder.path().join("run.mcap");
     record(&path, 12_000, "XYZ", 5000);
@@ -182,7 +182,7 @@ fn gaps_in_way() {
 }
 
 #[test]
-fn program_larger_than_a_piece_is_attached_from_its_file() {
+fn program_larger_than_piece_is_attached_from_file() {
     let folder = common::folder();
     let program: Vec<u8> = (0..900_001_u32)
         .map(|n| b"G1X0 \n"[n as usize % 6].wrapping_add((n / 6 % 3) as u8))
@@ -204,7 +204,7 @@ fn program_larger_than_a_piece_is_attached_from_its_file() {
 }
 
 #[test]
-fn a_program_that_is_missing_or_a_description_that_makes_no_sense_is_named() {
+fn missing_program_or_invalid_description_is_named() {
     let folder = common::folder();
     let path = folder.path().join("run.mcap");
     let mut run = info("XYZ");
@@ -251,7 +251,7 @@ fn a_folder_is_refused_as_the_name_of_a_trace() {
 }
 
 #[test]
-fn numbers_that_are_none_and_endless_texts_are_recorded_without_harm() {
+fn nan_and_long_texts_are_recorded_without_harm() {
     common::both_ways(numbers_that_way);
 }
 
@@ -340,7 +340,7 @@ fn what_is_no_finished_trace_is_told_apart() {
 }
 
 #[test]
-fn a_trace_that_is_being_written_is_told_from_a_torn_one() {
+fn trace_being_written_is_distinguished_from_torn_one() {
     let folder = common::folder();
     let path = folder.path().join("run.mcap");
     let recorder = Recorder::create(&path, &info("X")).expect("a recorder");
@@ -354,7 +354,7 @@ fn a_trace_that_is_being_written_is_told_from_a_torn_one() {
 /// The summary's data about chunks and attachments are stored on disk in pieces of 8 KiB: here several of
 /// each.
 #[test]
-fn a_summary_that_was_kept_on_disk_knows_every_chunk_and_attachment() {
+fn summary_on_disk_lists_all_chunks_and_attachments() {
     let folder = common::folder();
     let path = folder.path().join("long.mcap");
     let (chunks, texts) = (1200, 300);

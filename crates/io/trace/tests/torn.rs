@@ -77,7 +77,7 @@ fn recover_bytes(folder: &Path, bytes: &[u8]) -> Result<Recovered, RecoverError>
 }
 
 #[test]
-fn cut_anywhere_every_complete_chunk_before_the_cut_is_recovered() {
+fn complete_chunks_before_any_cut_are_recovered() {
     common::both_ways(cut_anywhere_way);
 }
 
@@ -120,7 +120,7 @@ fn cut_anywhere_way() {
 }
 
 #[test]
-fn flipped_bits_are_an_error_or_a_stated_loss_and_never_a_wrong_figure() {
+fn flipped_bits_give_error_or_loss_never_wrong_data() {
     common::both_ways(flipped_bits_way);
 }
 
@@ -213,7 +213,7 @@ fn a_damaged_way() {
 }
 
 #[test]
-fn without_its_first_chunk_a_file_still_opens_everywhere() {
+fn file_without_first_chunk_opens_everywhere() {
     common::both_ways(without_its_way);
 }
 
@@ -255,7 +255,7 @@ fn recovering_a_whole_file_loses_nothing() {
 }
 
 #[test]
-fn leftovers_are_recovered_at_start_but_not_those_of_a_running_recorder() {
+fn leftovers_are_recovered_except_of_running_recorder() {
     common::both_ways(leftovers_are_way);
 }
 
@@ -303,7 +303,7 @@ fn leftovers_are_way() {
 }
 
 #[test]
-fn a_recorder_that_is_dropped_leaves_everything_in_its_part_file() {
+fn dropped_recorder_leaves_all_in_its_part_file() {
     common::both_ways(a_recorder_way);
 }
 

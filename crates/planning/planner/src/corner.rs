@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn blends_of_every_pair_are_smooth_and_within_tolerance() {
+    fn blends_are_smooth_and_within_tolerance() {
         // A line, then a quarter circle that bends away at some angle; and the reverse.
         for degrees in [0.0_f64, 5.0, 60.0, 150.0] {
             for (radius, tolerance) in [(0.5, 0.01), (20.0, 0.1), (3.0, 0.5)] {

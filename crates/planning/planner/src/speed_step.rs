@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn the_faster_segment_is_divided_beside_the_slower_one() {
+    fn the_faster_segment_is_divided_near_the_slower() {
         let found = lengths(&[
             line(0.0, 20.0, 1.0),
             line(20.0, 40.0, 10.0),
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn behind_a_rest_nothing_is_divided_and_behind_a_limit_of_the_joint_it_is() {
+    fn divides_after_joint_limits_but_not_after_stops() {
         let mut step = SpeedStep::new(&equal_axes(500.0, 5000.0, 200_000.0));
         let segment = line(0.0, 20.0, 100.0);
         assert_eq!(step.divide(&segment, None).count(), 1, "the first");

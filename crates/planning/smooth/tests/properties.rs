@@ -74,7 +74,7 @@ fn mixed_modes_and_axes_stay_within_the_tolerance() {
 }
 
 #[test]
-fn programmed_points_are_missed_by_2_tolerances_at_most() {
+fn programmed_points_are_within_two_tolerances() {
     let (mut random, cases) = campaign(0x5300_0004, 24);
     for case in 0..cases {
         let tolerance = random.log(1e-3, 0.1);

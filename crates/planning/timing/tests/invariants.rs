@@ -134,7 +134,7 @@ fn a_stop_across_a_tiny_blend_keeps_the_limits() {
 /// rose again after an override across a coarse interval; and an acceleration with such a peak between check
 /// points.
 #[test]
-fn speed_and_acceleration_limits_hold_between_stations() {
+fn speed_and_acceleration_hold_between_stations() {
     for (seed, case) in [(3, 53), (6, 16), (9, 7), (14, 0), (14, 4), (28, 21), (29, 51)] {
         campaign(seed, case..case + 1, None);
     }

@@ -34,7 +34,7 @@ fn only(prediction: &Prediction) -> &Cycle {
 }
 
 #[test]
-fn the_sustained_case_has_its_frequency_amplitudes_means_and_phase() {
+fn self_excited_case_matches_reference() {
     let (prediction, verified) = scanned(tool(60.0, 0.02), 5);
     assert_eq!(verdict(tool(60.0, 0.02)), Verdict::SelfExcited);
     near(
@@ -97,7 +97,7 @@ fn the_sustained_case_has_its_frequency_amplitudes_means_and_phase() {
 }
 
 #[test]
-fn errors_fall_with_the_harmonics_as_they_are_known_to() {
+fn harmonic_truncation_errors_match_reference() {
     for (case, amplitude, frequency, errors) in [
         (
             tool(60.0, 0.02),
@@ -142,7 +142,7 @@ fn errors_fall_with_the_harmonics_as_they_are_known_to() {
 }
 
 #[test]
-fn the_bistable_case_has_both_cycles_and_kicks_go_to_the_right_side() {
+fn bistable_case_has_both_cycles_and_basins() {
     let (prediction, verified) = scanned(tool(100.0, 0.008), 5);
     assert_eq!(verdict(tool(100.0, 0.008)), Verdict::Bistable);
     near(
@@ -246,7 +246,7 @@ fn the_stable_case_has_no_cycle() {
 }
 
 #[test]
-fn over_the_speed_cycles_come_and_go_as_known_and_none_is_invented() {
+fn cycles_over_cutting_speed_match_reference() {
     for (speed, growth, cycle) in [
         (20.0, -80.092_441_876_994_97, None),
         (35.0, -76.269_436_993_882_44, None),
@@ -289,7 +289,7 @@ fn over_the_speed_cycles_come_and_go_as_known_and_none_is_invented() {
 /// The tool leaves the work for a quarter of the period: five harmonics are accurate to 5e-3, more are
 /// better.
 #[test]
-fn with_loss_of_contact_five_harmonics_keep_five_thousandths() {
+fn five_harmonics_suffice_with_loss_of_contact() {
     for (speed, ratio, depth, beta) in [
         (60.0, 0.001, 0.2, 35.0),
         (60.0, 0.0005, 0.1, 70.0),
@@ -319,7 +319,7 @@ fn with_loss_of_contact_five_harmonics_keep_five_thousandths() {
 }
 
 #[test]
-fn the_least_squares_of_the_source_have_their_known_bias_with_one_harmonic() {
+fn one_harmonic_least_squares_has_known_bias() {
     let law = steel();
     let model = Model::new(tool(60.0, 0.02), &law).unwrap();
     let fits = least_squares(&model, 1, Measure::Residual).unwrap();

@@ -47,7 +47,7 @@ fn the_turning_benchmark_with_two_modes() {
 /// At low speed there are many waves between two cuts, more than one between two frequencies of the grid; a
 /// fine grid is the reference.
 #[test]
-fn limits_of_turning_at_low_speed_are_those_of_a_fine_grid() {
+fn low_speed_turning_limits_match_fine_grid() {
     for (frequency_hz, damping_ratio) in [(250.0, 0.02), (800.0, 0.05), (1200.0, 0.04), (700.0, 0.08)] {
         let mode = Mode {
             frequency_hz,
@@ -362,7 +362,7 @@ fn with_many_teeth_both_analyses_of_milling_agree() {
 
 /// A tooth that always cuts is turning: three teeth over a whole turn, with constant directions.
 #[test]
-fn semi_discretisation_converges_with_the_square_of_the_step() {
+fn semi_discretisation_converges_quadratically() {
     let delay = MillingDelay::milling(&insperger(0.5), 9000.0).unwrap();
     let exact = delay.collocation(5e-4, delay.degree()).unwrap();
     let miss = |steps: usize| delay.semi_discretisation(5e-4, steps).unwrap() - exact;
@@ -414,7 +414,7 @@ fn numbers_that_are_no_cut_are_refused() {
 }
 
 #[test]
-fn the_chatter_frequency_of_turning_is_that_of_its_limit() {
+fn turning_chatter_frequency_matches_its_limit() {
     let turning = altintas();
     for rpm in [1500.0, 4000.0, 6500.0, 9000.0, 15_000.0] {
         let limit = turning.limit_at(rpm).unwrap();
@@ -427,7 +427,7 @@ fn the_chatter_frequency_of_turning_is_that_of_its_limit() {
 /// Collocation and the limit share only the formula of the force factors: at the limit its largest multiplier
 /// is 1.
 #[test]
-fn at_limits_of_random_mills_the_multiplier_of_collocation_is_one() {
+fn multiplier_is_one_at_limits_of_random_mills() {
     let (mut random, cases) = campaign(0x0c4a_0013, 24);
     let mut limits = 0;
     for _ in 0..cases {
@@ -531,7 +531,7 @@ fn growth_below_the_limit_is_bounded() {
 
 /// An error instead of a wrong limit, within a short time.
 #[test]
-fn cuts_with_too_many_waves_have_no_limit_of_the_delay_equation() {
+fn too_many_waves_are_an_error_of_the_limit() {
     let milling = mill_of(4000.0, 1.0);
     for rpm in [1.0, 10.0, 100.0, 200.0, 300.0] {
         let refused = MillingDelay::milling(&milling, rpm).unwrap().limit(5e-3);

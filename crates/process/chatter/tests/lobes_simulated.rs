@@ -175,7 +175,7 @@ fn growth(frequency_hz: f64, immersion: f64, rpm: f64, depth_m: f64, teeth: usiz
 
 /// An impulse dies out below the limit and grows above it, for any number of waves per tooth.
 #[test]
-fn limits_with_many_waves_in_the_cut_are_those_of_a_simulation() {
+fn many_wave_limits_match_simulation() {
     for (frequency_hz, immersion, rpm, waves) in [
         (4000.0, 1.0, 2000.0, 60.0),
         (4000.0, 1.0, 1000.0, 120.0),

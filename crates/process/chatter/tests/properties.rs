@@ -63,7 +63,7 @@ fn with_equal_axes_the_angle_does_not_matter() {
 
 /// Over a cycle the work of the force equals the energy that the dampers absorb.
 #[test]
-fn over_a_cycle_the_force_does_the_work_of_the_dampers() {
+fn force_work_balances_damping_over_a_cycle() {
     let law = steel();
     let (mut random, cases) = campaign(0x0c4a_0002, 10);
     let mut seen = 0;
@@ -99,7 +99,7 @@ fn over_a_cycle_the_force_does_the_work_of_the_dampers() {
 /// At a vanishing amplitude the extra damping that balances the motion is twice the growth, except for
 /// damping.
 #[test]
-fn the_branch_begins_at_the_growth_of_small_vibrations() {
+fn branch_starts_at_growth_of_small_vibrations() {
     let law = steel();
     for speed in [30.0, 45.0, 60.0, 90.0] {
         let model = Model::new(tool(speed, 0.02), &law).unwrap();
@@ -175,7 +175,7 @@ fn steps_end_at_events() {
 
 /// The multipliers of the verification equal those of a finite difference of the motion.
 #[test]
-fn the_leading_multiplier_is_that_of_a_disturbed_motion() {
+fn leading_multiplier_matches_disturbed_motion() {
     let law = steel();
     let model = Model::new(tool(100.0, 0.008), &law).unwrap();
     let prediction = Scanner::new(9).scan(&model).unwrap();

@@ -358,7 +358,7 @@ fn a_strongly_unstable_cycle_is_not_called_stable() {
 
 /// With five harmonics the branch ends at the speed floor before the cycle that 24 and 48 confirm.
 #[test]
-fn a_cycle_beyond_the_end_of_a_coarse_branch_is_not_missed() {
+fn a_cycle_past_a_coarse_branch_end_is_found() {
     let sample = Sample {
         tool: CuttingTool {
             axes: [

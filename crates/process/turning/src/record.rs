@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn the_highest_that_may_stand_is_told_only_where_an_edge_has_been() {
+    fn stock_height_bound_is_finite_only_after_an_edge() {
         let mut record = record(20.0);
         for i in -20..=100 {
             record.sweep(f64::from(i) * 0.1, 1.0, true, false);
@@ -431,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wall_behind_the_end_is_what_the_edge_leaves_there() {
+    fn wall_at_the_end_has_the_shape_the_edge_leaves() {
         let (slope, tolerance_mm) = (3.0_f64.sqrt(), 0.02);
         let mut record = record(20.0).with_shoulder(4.0 / slope, tolerance_mm);
         let pass = |record: &mut SizeRecord, end_mm: f64, out_mm: f64| {
@@ -476,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn stock_behind_a_shoulder_is_as_high_as_the_tip_has_left_it() {
+    fn stock_after_a_shoulder_is_as_high_as_the_tip() {
         let mut record = record(40.0);
         for i in -20..=100 {
             record.sweep(f64::from(i) * 0.1, 2.0, true, true);

@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_are_whole_and_the_last_takes_the_deepest_cut() {
+    fn passes_are_whole_and_the_last_cut_is_deepest() {
         let regime = Regime::new(&input(), &tool()).unwrap();
         for (allowance, passes) in [
             (0.0, 0),
@@ -368,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn least_cost_is_that_of_trying_every_number_of_passes() {
+    fn least_cost_matches_search_over_pass_counts() {
         let mut regime = Regime::new(&input(), &tool()).unwrap();
         let mut changed = 0;
         for ratio in [0.0, 0.2, 1.0, 5.0] {

@@ -131,7 +131,7 @@ mod tests {
     };
 
     #[test]
-    fn it_lags_by_its_time_constant_and_is_as_noisy_as_said() {
+    fn sensor_has_its_time_constant_and_noise() {
         let mut quiet = Sensor::new(SensorModel { noise: 0.0, ..MODEL }, 0.001);
         let after = (0..10).filter_map(|_| quiet.read(1000.0, None)).last().unwrap();
         assert!((after.value / 1000.0 - (1.0 - (-1.0_f64).exp())).abs() < 1e-9);

@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn the_chip_is_gone_one_revolution_after_the_feed_stops() {
+    fn chip_vanishes_one_revolution_after_feed_stops() {
         let mut piece = Workpiece::new(Blank::uniform(3.0), 40.0, LAW, tool(), 60.0);
         let cuts = feed(&mut piece, -8.0, 20.0, 0.4, 0.0, 60.0);
         let steady = cuts[cuts.len() - 1].load;

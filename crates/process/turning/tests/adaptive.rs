@@ -209,7 +209,7 @@ fn factors_stay_within_their_limits_and_slew_rates() {
 }
 
 #[test]
-fn a_lag_or_a_number_of_edges_that_cannot_be_is_refused() {
+fn invalid_lags_and_edge_counts_are_rejected() {
     assert!(AdaptiveFeed::new(settings(-0.1)).is_err());
     assert!(AdaptiveFeed::new(settings(f64::NAN)).is_err());
     let error = AdaptiveFeed::new(settings(1.5)).unwrap_err();

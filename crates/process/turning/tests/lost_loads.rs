@@ -87,7 +87,7 @@ fn a_load_lost_after_slots_is_not_done() {
 }
 
 #[test]
-fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
+fn load_lost_in_a_cut_faults_in_two_revolutions() {
     let mut random = Random::seeded(11);
     let (mut told, mut most, mut silent) = (0, 0.0_f64, 0);
     let count = cases(6);
@@ -137,7 +137,7 @@ fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
 }
 
 #[test]
-fn a_load_lost_just_before_a_cut_is_left_is_a_fault_in_a_turn() {
+fn load_lost_just_before_a_cut_ends_is_a_fault() {
     // A mean depth that falls with the load is not a thin position, and a part of a revolution that exceeds
     // it is not a deeper cut.
     let stocks = [
@@ -255,7 +255,7 @@ fn no_job_is_done_without_load_while_stock_stands() {
 }
 
 #[test]
-fn a_job_that_is_started_again_without_load_fails_again() {
+fn a_job_restarted_without_load_fails_again() {
     let settings = safe();
     for (fault, reading) in [(SensorFault::Zero, "zero"), (SensorFault::Lost, "nothing")] {
         let mut sim = simulation(settings, Blank::uniform(8.0), 3);
@@ -277,7 +277,7 @@ fn a_job_that_is_started_again_without_load_fails_again() {
 }
 
 #[test]
-fn a_load_lost_between_passes_is_a_fault_on_short_stock_too() {
+fn load_lost_between_passes_faults_on_short_stock() {
     let (mut told, mut most) = (0, 0.0_f64);
     for length_mm in [2.0, 4.0, 6.0, 9.0, 14.0, 40.0] {
         for height in [1.5, 4.0, 7.0, 10.0] {

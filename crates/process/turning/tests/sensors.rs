@@ -70,7 +70,7 @@ fn with(scale: LoadScale) -> (TurningSettings, SensorModel) {
 }
 
 #[test]
-fn a_job_by_torque_power_or_current_keeps_the_set_load() {
+fn torque_power_and_current_keep_the_set_load() {
     for (text, _) in kinds() {
         let (settings, model) = with(shaft(text).unwrap().settings.scale);
         for blank in [Blank::uniform(8.0), Blank::outline(&[(0.0, 10.0), (200.0, 5.0)])] {
@@ -88,7 +88,7 @@ fn a_job_by_torque_power_or_current_keeps_the_set_load() {
 
 /// Facing from 160 mm: the torque of a constant force falls with the diameter.
 #[test]
-fn facing_by_torque_power_or_current_keeps_the_set_load() {
+fn facing_by_torque_power_current_keeps_the_load() {
     let facing = |sensor: &str, length: f64| {
         let file = concat!(
             env!("CARGO_MANIFEST_DIR"),

@@ -101,7 +101,7 @@ fn edges_of_any_lead_leave_one_wall() {
 }
 
 #[test]
-fn random_stocks_are_cut_to_a_shoulder_anywhere_in_them() {
+fn random_stocks_are_cut_to_a_shoulder() {
     let mut random = Random::from_state(0x5eed_0123_u64);
     let mut worst = 0.0_f64;
     for case in 0..cases(40) {
@@ -235,7 +235,7 @@ fn no_way_back_leads_through_stock_behind_a_groove() {
 }
 
 #[test]
-fn hard_stock_that_ends_before_the_cut_is_no_lost_load() {
+fn hard_stock_ending_before_a_cut_is_no_lost_load() {
     // In harder material the load at the end of a cut falls faster than lead angle and force law say.
     let mut faults = Vec::new();
     for case in 0..cases(96) {
@@ -263,7 +263,7 @@ fn hard_stock_that_ends_before_the_cut_is_no_lost_load() {
 }
 
 #[test]
-fn stock_that_ends_with_the_cut_is_no_fault_where_a_shoulder_may_be() {
+fn stock_ending_with_the_cut_is_no_fault() {
     let mut random = Random::from_state(0x5eed_0456_u64);
     for case in 0..cases(20) {
         let length_mm = random.between(20.0, 150.0);

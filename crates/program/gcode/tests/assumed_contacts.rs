@@ -63,7 +63,7 @@ fn the_test_of_a_contact_is_not_an_error() {
 }
 
 #[test]
-fn an_abort_that_depends_on_the_result_is_a_warning_and_the_program_goes_on() {
+fn an_abort_on_an_assumed_result_is_a_warning() {
     for test in [
         // A rapid move that must not touch anything.
         "o1 if [#5070 EQ 1]\n(ABORT, touched)\no1 endif\n",
@@ -90,7 +90,7 @@ fn an_abort_that_depends_on_the_result_is_a_warning_and_the_program_goes_on() {
 }
 
 #[test]
-fn an_end_that_depends_on_the_result_is_a_warning_and_the_program_goes_on() {
+fn an_end_on_an_assumed_result_is_a_warning() {
     let both = [
         "o1 if [#5070 EQ 1]\nM2\no1 endif\n",
         "o1 if [#5070 EQ 0]\nG0 Z9\no1 else\nG0 Z8 M30\no1 endif\n",
@@ -126,7 +126,7 @@ fn an_end_that_depends_on_the_result_is_a_warning_and_the_program_goes_on() {
 }
 
 #[test]
-fn an_end_after_an_exit_that_depends_on_the_result_is_a_warning() {
+fn an_end_after_an_assumed_exit_is_a_warning() {
     for test in [
         // With another result the subroutine is left before the end.
         "o<s> sub\no1 if [#5070 EQ 0]\no<s> return\no1 endif\nM2\no<s> endsub\no<s> call\n",
@@ -244,7 +244,7 @@ fn errors_that_do_not_depend_on_it_stay_errors() {
 }
 
 #[test]
-fn an_error_of_a_value_that_depends_on_it_is_a_warning() {
+fn an_error_from_an_assumed_value_is_a_warning() {
     for test in [
         "#1=[1/[#5063+5]]\n",
         "G91\nG2 X10 Y0 I[5+#5063] J0\n",
@@ -297,7 +297,7 @@ fn doubtful(program: &str) -> Vec<u32> {
 }
 
 #[test]
-fn an_abort_that_is_not_followed_leaves_everything_known() {
+fn an_abort_not_taken_leaves_everything_known() {
     // The text of an (ABORT) has no words.
     let texts = [
         "(ABORT, contact too early)",
@@ -311,7 +311,7 @@ fn an_abort_that_is_not_followed_leaves_everything_known() {
 }
 
 #[test]
-fn a_line_with_an_assumed_error_leaves_unknown_what_its_words_set() {
+fn an_assumed_error_makes_set_words_unknown() {
     let of = |line: &str| doubtful(&format!("{PROBE}{line}\nG1 X8\nG0 X4 Z9\nZ3\nM2\n"));
     // At this point #5063 is -5, where the probing move ends.
     assert_eq!(of("G1 Z[1/[#5063+5]] (to the top, G92 T1)"), [5]);

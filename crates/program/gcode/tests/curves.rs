@@ -178,7 +178,7 @@ fn increments_of_a_nurbs_are_from_its_start() {
 }
 
 #[test]
-fn a_curve_through_its_start_in_the_middle_is_not_dropped() {
+fn a_curve_through_its_own_start_is_kept() {
     // It is 30 t (1 - t) (1 - 2 t) along X, and half of that along Y: out and back on both sides.
     let found = moves("F600\nG5 X0 Y0 I10 J5 P-10 Q-5");
     let total: f64 = found.iter().map(|step| step.curve.length()).sum();

@@ -186,7 +186,7 @@ fn each_orientation_has_its_tip_where_the_nose_ends() {
 }
 
 #[test]
-fn orientations_are_refused_outside_of_g18_and_above_9() {
+fn orientation_needs_g18_and_is_at_most_9() {
     for (program, code) in [
         ("G17\nG41.1 D2 L2", Code::WrongPlane),
         ("T1 M6\nG41", Code::WrongPlane),
@@ -489,7 +489,7 @@ fn random_open_contour(random: &mut Random) -> (String, f64, Vec<Vec<[f64; 2]>>)
 }
 
 #[test]
-fn a_further_lap_is_not_compared_with_the_edges_of_the_first() {
+fn a_second_lap_is_not_compared_with_the_first() {
     // A rectangle, then a second lap that cuts one of its corners: intended, with any tool.
     let lap = "Y50\nX80\nY0\nX0\n";
     let program = |second: &str| {
@@ -604,7 +604,7 @@ fn random_closed_contours_report_sampled_cuts() {
 }
 
 #[test]
-fn outputs_and_path_modes_have_their_place_in_a_compensated_contour() {
+fn outputs_keep_their_position_in_a_contour() {
     let program = |line: &str| {
         format!("G21 G90 F300 G64\nG0 X-20 Y0\nG41.1 D4\nG1 X0 Y5\nX20\n{line}\nY20\nX0\nG40 X-20\nM2\n")
     };

@@ -119,7 +119,7 @@ fn other_dialects_are_told_what_to_write_here() {
 
 /// Lines of this dialect with an error keep that error.
 #[test]
-fn own_lines_with_errors_are_not_taken_for_another_dialect() {
+fn own_erroneous_lines_are_no_foreign_dialect() {
     for program in [
         "G18 F1\nG70 Q10 X20 Z1 P2\nM2\n",
         "G18 F1\nG71 Q10 X20 Z1 D1\nM2\n",
@@ -231,7 +231,7 @@ fn a_tool_with_its_offset_is_told_how_to_change_it() {
 }
 
 #[test]
-fn the_angle_of_another_dialect_beside_m19_is_a_warning() {
+fn m19_angle_of_another_dialect_is_a_warning() {
     let warnings = |line: &str| {
         let (commands, errors) = interpret(&format!("G21\n{line}\nM2\n"), Settings::default());
         assert_eq!(errors, [], "{line}");

@@ -22,7 +22,7 @@ fn heights_across(program: &str, zero: f64) -> Vec<f64> {
 /// RS274/NGC 3.5.16 and LinuxCNC: from R the tool travels at the height to which the cycle retracts, also
 /// after a hole of G99. Heights are those above the work, with any offsets.
 #[test]
-fn a_hole_of_g98_behind_one_of_g99_is_approached_at_the_height_before_all() {
+fn g98_after_g99_approaches_at_the_initial_height() {
     let mut random = Random::from_state(0x5eed_0099);
     for case in 0..cases(300) {
         let r = random.between(0.5, 6.0);

@@ -141,7 +141,7 @@ fn loops_of_errors_end_soon_and_say_so() {
 }
 
 #[test]
-fn rendered_errors_have_no_stray_line_and_true_columns() {
+fn rendered_errors_have_true_columns() {
     for blanks in [0, 3, 90, 150, 400, 5000] {
         let program = format!(
             "G0{}X1 Q7 Y2{}\n",
@@ -251,7 +251,7 @@ fn one_wrong_arc_of_a_real_program_is_one_error() {
 }
 
 #[test]
-fn returns_before_a_line_end_are_no_error_and_others_are_one() {
+fn only_returns_inside_a_line_are_errors() {
     assert_eq!(errors("G21\r\r\nG0 X1\r\r\r\n(a)\r\r\nM2\r\r\n"), []);
     let found = errors("G0 X1\rX2\nG0 X3\rX4\nG0 X5\rG77\nG77\n");
     let codes: Vec<_> = found.iter().map(|error| (error.code, error.line)).collect();

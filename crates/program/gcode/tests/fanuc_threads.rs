@@ -47,7 +47,7 @@ fn read(program: &str, fanuc_threads: bool) -> (Vec<Way>, Vec<Diagnostic>) {
 const HEAD: &str = "G21 G18 G90 G8 G94 S500 M3\nG0 X15 Z5\n";
 
 #[test]
-fn g32_has_the_lead_of_its_longer_axis_and_goes_on_with_it() {
+fn g32_takes_the_lead_of_its_longer_axis() {
     let program = format!("{HEAD}G32 Z-20 F1.5\nX17 Z-22 Q90000\nG0 X20\nM2\n");
     let (ways, errors) = read(&program, true);
     assert_eq!(errors, []);
@@ -62,7 +62,7 @@ fn g32_has_the_lead_of_its_longer_axis_and_goes_on_with_it() {
 }
 
 #[test]
-fn g92_is_a_box_for_each_depth_and_comes_back_to_where_it_began() {
+fn g92_cuts_a_box_per_depth_and_returns() {
     let program = format!("{HEAD}G92 X14.5 Z-20 R-1 F2\nX14.2\nG0 X20\nM2\n");
     let (ways, errors) = read(&program, true);
     assert_eq!(errors, []);
@@ -114,7 +114,7 @@ fn what_is_no_thread_is_told_what_to_write() {
 }
 
 #[test]
-fn without_the_option_g32_is_refused_with_the_cure_and_g92_sets_an_offset() {
+fn without_the_option_g32_fails_and_g92_offsets() {
     let (_, errors) = read(&format!("{HEAD}G32 Z-20 F1.5\nM2\n"), false);
     assert_eq!(errors[0].code, Code::UnknownG);
     assert!(

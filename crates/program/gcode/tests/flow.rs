@@ -226,7 +226,7 @@ fn parameters_and_tools_can_be_kept_from_run_to_run() {
 
 /// MDI blocks and programs start with the tool of the previous one.
 #[test]
-fn parameters_have_the_tool_in_the_spindle_from_the_first_line() {
+fn spindle_tool_parameters_are_set_from_line_one() {
     let mut tool = Tool::new(5);
     (tool.offset[2], tool.diameter_mm) = (50.5, 12.0);
     let settings = Settings {
@@ -244,7 +244,7 @@ fn parameters_have_the_tool_in_the_spindle_from_the_first_line() {
 
 /// A LinuxCNC machine in inches: the unit at the start is G20, and #5161 to #5410 are in inches in G21 too.
 #[test]
-fn parameters_of_a_machine_in_inches_are_in_inches_and_kept_in_mm() {
+fn inch_machine_parameters_are_inches_kept_in_mm() {
     let mut tool = Tool::new(5);
     tool.offset[2] = 50.8;
     tool.offset[3] = 3.0;
@@ -305,7 +305,7 @@ fn parameters_of_a_machine_in_inches_are_in_inches_and_kept_in_mm() {
 }
 
 #[test]
-fn a_repeat_runs_as_often_as_it_says_whatever_it_is_in() {
+fn repeat_counts_hold_at_any_nesting() {
     for count in 0..6 {
         let program = format!(
             "#31=0\nO9 sub\nO1 repeat [#1]\nO2 repeat [2]\n#31=[#31+1]\nO2 endrepeat\nO1 endrepeat\n\
@@ -455,7 +455,7 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
 }
 
 #[test]
-fn a_refused_restart_shows_the_line_where_it_was_to_start() {
+fn a_refused_restart_shows_its_line() {
     for (program, line) in [
         ("F1\nG41.1 D2\nG1 X5\nX9\nX10\nG40\n", 4),
         ("F9\nG5.2 X1 Y1 P1 L3\nX2 Y2 P1\nX3 Y1 P1\nG5.3\n", 4),
@@ -474,7 +474,7 @@ fn a_refused_restart_shows_the_line_where_it_was_to_start() {
 }
 
 #[test]
-fn a_restart_inside_a_subroutine_tells_where_to_start_instead() {
+fn restart_in_a_subroutine_suggests_a_line() {
     let refused = |program: &str, line: u32| {
         let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
         let error = interpreter.start_at(line).expect_err(program);

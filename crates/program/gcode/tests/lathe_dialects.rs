@@ -30,7 +30,7 @@ pub(crate) fn on_lathe(program: &str) -> (Told, Told) {
 }
 
 #[test]
-fn valid_lines_of_other_lathes_do_not_run_as_something_else() {
+fn lines_of_other_lathes_are_not_misread() {
     // Program, whether it is an error, line, parts of the message.
     let start = "G18 G21 G0 X40 Z2\n";
     for (text, is_error, line, parts) in [

@@ -36,7 +36,7 @@ fn an_endsub_of_another_name_is_one_error_in_its_line() {
 }
 
 #[test]
-fn an_endsub_too_many_is_one_error_and_the_subroutine_goes_on() {
+fn an_extra_endsub_is_one_error() {
     let named = ["O<b> endsub", "O<a> sub of line 1", "ends in line 4"];
     let program = "o<a> sub\nG1 F100 X1\no<b> endsub\no<a> endsub\no<a> call\nM2\n";
     is_one_error(program, 3, &named);
@@ -82,7 +82,7 @@ fn a_forgotten_endsub_is_one_error_at_the_next_sub() {
 }
 
 #[test]
-fn what_is_open_at_the_end_names_its_word_and_line_and_shows_the_last_line() {
+fn open_blocks_at_the_end_name_word_and_line() {
     for (block, end) in [
         ("o1 while [1]", "endwhile"),
         ("o1 while [0]", "endwhile"),
@@ -105,7 +105,7 @@ fn what_is_open_at_the_end_names_its_word_and_line_and_shows_the_last_line() {
 }
 
 #[test]
-fn what_a_block_of_mdi_opens_is_not_named_by_a_line_before_it() {
+fn open_mdi_blocks_name_no_earlier_line() {
     for block in ["o1 while [1]", "o1 if [1]", "o1 repeat [0]", "o1 sub"] {
         let settings = Settings {
             is_block: true,
@@ -122,7 +122,7 @@ fn what_a_block_of_mdi_opens_is_not_named_by_a_line_before_it() {
 }
 
 #[test]
-fn what_is_open_at_the_end_of_a_subroutine_file_is_named() {
+fn open_blocks_of_a_subroutine_file_are_named() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(
         folder.path().join("bore.ngc"),
@@ -177,7 +177,7 @@ fn the_outermost_loop_is_known_while_it_runs() {
 }
 
 #[test]
-fn a_subroutine_file_without_its_subroutine_names_what_is_missing() {
+fn a_file_without_its_subroutine_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let settings = || Settings {
         subroutine_folders: vec![folder.path().to_path_buf()],
@@ -213,7 +213,7 @@ fn a_subroutine_file_without_its_subroutine_names_what_is_missing() {
 }
 
 #[test]
-fn a_percent_inside_an_open_block_is_an_error_in_its_line() {
+fn percent_in_an_open_block_is_an_error() {
     // A block that is open at the % lacks its end, whether its lines are executed, skipped or collected.
     for (open, named) in [
         ("#1=0\no100 while [#1 LT 3]\n#1=[#1+1]\n", "O<100> endwhile"),
@@ -287,7 +287,7 @@ fn what_is_open_at_m2_and_never_ends_is_warned_of() {
 }
 
 #[test]
-fn an_m2_inside_a_block_that_ends_later_is_not_warned_of() {
+fn m2_in_a_closed_block_is_no_warning() {
     for program in [
         "o1 if [1]\nM2\no1 endif\nM2\n",
         "o1 if [1]\no2 if [1]\nM2\no2 else\nM2\no2 endif\no1 elseif [1]\nM2\no1 endif\n",
@@ -300,7 +300,7 @@ fn an_m2_inside_a_block_that_ends_later_is_not_warned_of() {
 }
 
 #[test]
-fn a_block_around_the_call_of_a_subroutine_with_m2_is_warned_of() {
+fn a_block_around_a_call_with_m2_is_a_warning() {
     let program = "o1 sub\no2 if [1]\nM2\no2 endif\no1 endsub\no3 if [1]\no1 call\nM2\n";
     let found = warnings(program, Settings::default());
     assert!(
@@ -316,7 +316,7 @@ fn a_block_around_the_call_of_a_subroutine_with_m2_is_warned_of() {
 }
 
 #[test]
-fn what_is_open_at_the_end_of_a_subroutine_is_warned_of() {
+fn open_blocks_at_endsub_are_a_warning() {
     // LinuxCNC executes it.
     for (block, end) in [("if [1]", "endif"), ("repeat [2]", "endrepeat"), ("do", "while")] {
         let begin = block.split(' ').next().unwrap();

@@ -236,7 +236,7 @@ fn a_tool_is_as_long_as_it_is() {
 
 /// During the change #5400 is still the previous tool.
 #[test]
-fn a_tool_that_is_being_fetched_is_measured_for_its_own_line() {
+fn a_tool_being_fetched_is_measured_for_its_line() {
     let surface: Surface = Box::new(|at| at[2] - (-200.0 + 73.25));
     let run = |argument: &str| {
         let change = format!("G21 G90\no<probe_tool> call [-200] [150] [300] [20] [2]{argument}\n");
@@ -307,7 +307,7 @@ fn what_is_not_found_or_wrong_is_told_by_the_cycle() {
 }
 
 #[test]
-fn a_probe_to_where_an_unanswered_one_ends_is_no_error() {
+fn an_unanswered_probe_end_may_be_probed_again() {
     let found = errors("F100 G90\nG38.3 Z-5\nG38.5 Z-5\nG38.3 X2\nG38.5 X2\n");
     assert!(found.is_empty(), "{found:?}");
     // Without a probing move before, it is an error.

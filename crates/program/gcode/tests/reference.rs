@@ -265,7 +265,7 @@ fn the_comparison_sees_what_it_is_for() {
 }
 
 #[test]
-fn motion_that_is_lost_before_an_error_is_a_difference() {
+fn motion_lost_before_an_error_is_a_difference() {
     let lines = |text: &[&str]| text.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>();
     let (first, second) = ("rapid 1 2 3 0 0 0 blend 0 0", "feed 2 2 3 0 0 0 F100.0 blend 0 0");
     let program = "G0 X1\nS1\n(a)\n(b)\nM3 G1 Y?\n";

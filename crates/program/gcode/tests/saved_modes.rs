@@ -62,7 +62,7 @@ fn compensation_that_was_on_is_not_switched_on_again() {
 }
 
 #[test]
-fn each_repetition_of_m98_starts_with_the_modes_of_the_caller() {
+fn each_m98_repetition_starts_with_callers_modes() {
     for (within, times, z) in [
         ("M73\nG91\nG1 Z1", 2, 9.0),
         ("M73\nG91 G1 Z1\nG20", 3, 9.0),
@@ -78,7 +78,7 @@ fn each_repetition_of_m98_starts_with_the_modes_of_the_caller() {
 }
 
 #[test]
-fn whether_g92_is_active_is_restored_and_not_its_values() {
+fn restores_whether_g92_is_active_but_not_values() {
     for (before, within, z) in [
         ("", "G92 Z5", 1.0),
         ("", "G52 Z3", 1.0),

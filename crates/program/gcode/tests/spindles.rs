@@ -373,7 +373,7 @@ fn last_x(program: &str) -> f64 {
 }
 
 #[test]
-fn parameters_of_the_spindle_are_of_the_one_that_a_thread_would_follow() {
+fn spindle_parameters_follow_the_thread_spindle() {
     let of = |lines: &str, name: &str| last_x(&format!("{lines}\nG0 X[#<{name}> + 1000]\nM2\n")) - 1000.0;
     let begun = "G97 S300 M4\nG97 S500 $1\nM3 $1";
     assert_eq!(of(begun, "_rpm"), 500.0);
@@ -388,7 +388,7 @@ fn parameters_of_the_spindle_are_of_the_one_that_a_thread_would_follow() {
 }
 
 #[test]
-fn turning_cycles_are_of_the_spindle_of_their_line_or_of_the_last_one() {
+fn turning_cycles_use_the_named_or_last_spindle() {
     let cycles = |program: &str| -> Vec<(u32, f64)> {
         let mut settings = settings([true; SPINDLES]);
         (settings.features.lathe, settings.features.load_channel) = (true, true);
@@ -416,7 +416,7 @@ fn turning_cycles_are_of_the_spindle_of_their_line_or_of_the_last_one() {
 }
 
 #[test]
-fn a_start_at_a_line_turns_spindles_to_their_angles_again() {
+fn restart_turns_spindles_to_their_angles() {
     let after = |lines: &str| {
         let text = format!("{lines}\nG0 X1\nM2\n");
         let mut interpreter = Interpreter::new(text.as_bytes(), settings([true; SPINDLES]));
@@ -448,6 +448,6 @@ fn a_start_at_a_line_turns_spindles_to_their_angles_again() {
 }
 
 #[test]
-fn the_end_of_a_program_releases_a_spindle_from_its_angle() {
+fn program_end_releases_a_spindle_from_its_angle() {
     assert_eq!(spindles(&run("M19 R90 $1\nG0 X1\nM2\n")), ["1 at 90", "1 stop 0"]);
 }

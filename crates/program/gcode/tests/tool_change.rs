@@ -177,7 +177,7 @@ fn the_tool_that_is_in_the_spindle_is_not_changed() {
 }
 
 #[test]
-fn a_tool_that_the_table_lacks_cannot_be_named_in_the_spindle() {
+fn m61_rejects_a_tool_missing_from_the_table() {
     for is_random in [false, true] {
         let run = Magazine::new(TABLE, is_random, CHANGE).run("M61 Q0\nM61 Q2\nM61 Q77\nM2\n");
         assert_eq!((run.error().code, run.error().line), (Code::UnknownTool, 3));
@@ -215,7 +215,7 @@ fn a_random_changer_moves_tools_from_pocket_to_pocket() {
 
 /// The values of `rs274`, except the -1 after M6, which is that of LinuxCNC's machines.
 #[test]
-fn t_selects_the_pocket_of_the_tool_in_the_spindle_too() {
+fn t_selects_the_pocket_of_the_loaded_tool() {
     let program = "T2 M6\no1 if [#<_selected_pocket> NE -1]\n(ABORT,M6 leaves none)\no1 endif\n\
                    T2\no2 if [#<_selected_pocket> NE 12]\n(ABORT,T selects it)\no2 endif\nM2\n";
     assert_eq!(Magazine::new(TABLE, false, CHANGE).run(program).errors, []);
@@ -345,7 +345,7 @@ fn a_tool_is_measured_in_its_change() {
 }
 
 #[test]
-fn a_pocket_of_a_fixed_magazine_with_two_tools_is_warned_of() {
+fn two_tools_in_a_fixed_pocket_are_a_warning() {
     let table = "T1 P11\nT2 P12\nT3 P13\nT7 P12\nT8 P0\nT9 P0\n";
     let warnings = |program: &str| {
         let run = Magazine::new(table, false, CHANGE).run(program);

@@ -44,7 +44,7 @@ fn offsets_without_a_tool_table_are_errors() {
 
 /// As in LinuxCNC; without a table no tool is known.
 #[test]
-fn a_tool_that_the_table_lacks_is_an_error_where_it_is_selected() {
+fn selecting_a_tool_not_in_the_table_is_an_error() {
     let tools = ToolTable::parse("T1 P1 D6 Z10\n").expect("a table");
     let with_table = Settings {
         tools: Some(tools),
@@ -80,7 +80,7 @@ fn warnings(program: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_length_of_another_tool_than_the_one_in_the_spindle_is_warned_of() {
+fn length_of_another_tool_is_a_warning() {
     for program in [
         "T3 M6\nG43 H4\nM2\n",
         "M61 Q3\nG0 Z1 G43 H4\nM2\n",

@@ -23,7 +23,7 @@ fn doubtful(unknown: &str, program: &str) -> Vec<String> {
 }
 
 #[test]
-fn an_axis_is_where_the_program_has_sent_it_in_absolute_coordinates() {
+fn absolute_moves_make_an_axis_known() {
     assert_eq!(doubtful("", "G0 X1 Y1\nM2\n"), [""]);
     assert_eq!(
         doubtful("XZ", "G0 X1 Y1\nG91 Z1\nX1\nG90 Z5\nM2\n"),

@@ -28,7 +28,7 @@ fn angles(program: &str, settings: Settings) -> Vec<f64> {
 }
 
 #[test]
-fn the_shorter_way_is_taken_by_rapids_feeds_and_arcs_and_in_machine_coordinates() {
+fn the_shorter_direction_holds_for_every_motion() {
     let shorter = || settings(RotaryWay::Shorter);
     assert_eq!(
         angles("G0 C350\nG1 F100 C10\nC100\nC-170\nG0 C0", shorter()),

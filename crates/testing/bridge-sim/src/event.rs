@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn drives_that_stop_for_want_of_setpoints_and_follow_again_are_told_once_each() {
+    fn drives_stopped_by_missing_setpoints_reported_once() {
         let mut bench = Bench::new(Vec::new());
         bench.step(1000, Some(PowerRequest::On));
         assert_eq!(bench.events, []);

@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_output_without_an_input_of_its_number_is_not_read_back() {
+    fn output_without_input_of_its_number_is_not_looped() {
         let mut inputs = LoopbackInputs {
             digital: 0b0011,
             analog: 0b01,

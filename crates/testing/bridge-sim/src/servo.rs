@@ -87,7 +87,7 @@ mod tests {
 
     /// The overshoot of a step is `exp(-pi zeta / sqrt(1 - zeta^2))`, at `pi / (w sqrt(1 - zeta^2))`.
     #[test]
-    fn a_step_overshoots_as_much_and_as_late_as_theory_says() {
+    fn step_overshoot_and_its_time_match_theory() {
         for (frequency, damping) in [(20.0, 0.4), (40.0, 0.6), (80.0, 0.3)] {
             let settings = ServoSettings {
                 natural_frequency_hz: frequency,

@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn every_pulse_of_a_way_is_met_once_in_either_direction() {
+    fn every_pulse_is_met_once_in_either_direction() {
         let index = SimIndex {
             position: 1.0,
             pitch: 5.0,

@@ -448,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_host_explains_is_played_three_times_and_then_not_measured() {
+    fn host_disturbance_is_retried_twice_then_unmeasured() {
         let paused = |_: &mut Stage<'_>| {
             PLAYED.fetch_add(1, Ordering::Relaxed);
             Err(CaseError::unmeasured("late"))

@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn outputs_are_safe_within_the_documented_time_unless_the_host_paused() {
+    fn outputs_are_safe_in_time_unless_host_paused() {
         for safe_ms in [100, 200, 202, 220] {
             assert_eq!(judged(safe_ms, 0), Ok(()), "{safe_ms}");
         }

@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_of_32_bits_goes_on_when_its_registers_begin_again() {
+    fn clock_of_32_bits_continues_after_wrap() {
         let mut clock = Clock::new(0, 0.0);
         clock.is_short = true;
         let wrap_ns = 1 << 32;

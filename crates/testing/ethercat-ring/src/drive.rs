@@ -544,7 +544,7 @@ mod tests {
     }
 
     #[test]
-    fn homing_finds_switches_and_index_and_names_the_place() {
+    fn homing_methods_find_switches_and_index() {
         for (method, expected) in [
             (17, -10.2),
             (18, 12.3),
@@ -603,7 +603,7 @@ mod tests {
     /// position, in both directions, at the first edge only. A new arming latches the next impulse. Without
     /// an impulse nothing is latched.
     #[test]
-    fn the_zero_impulse_is_caught_once_per_arming_beside_the_input() {
+    fn zero_impulse_latches_once_per_arming_beside_input() {
         for direction in [1.0, -1.0] {
             let mut axis = Axis::new(DriveSettings {
                 probe_turns: 0.6 * direction,

@@ -272,7 +272,7 @@ fn a_cable_that_is_cut_and_a_device_that_comes_back() {
 
 /// An incremental encoder loses its count with its supply.
 #[test]
-fn a_drive_without_supply_counts_from_zero_unless_its_encoder_is_absolute() {
+fn drive_without_supply_restarts_at_0_unless_absolute() {
     for absolute in [false, true] {
         let settings = DriveSettings {
             start_turns: 3.5,

@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn the_edge_that_is_asked_for_is_latched_once_from_either_side() {
+    fn requested_edge_is_latched_once_from_either_side() {
         let once = LATCH_ON_INDEX | JUST_ONCE;
         for (control, from, by, expected) in [
             (once | RISING, 0.5, 20.0, Some(7)),

@@ -307,7 +307,7 @@ getp hm2_7i96s.0.stepgen.00.position-fb
 
 /// Filtered inputs and isolated outputs, whose registers must match `hm2_eth`'s.
 #[test]
-fn hm2_eth_closes_isolated_outputs_and_reads_filtered_inputs() {
+fn hm2_eth_closes_isolated_outputs_and_reads_inputs() {
     const HAL: &str = "\
 setp hm2_7i96s.0.ssr.00.out-03 1
 setp hm2_7i96s.0.outm.00.out-04 1
@@ -480,7 +480,7 @@ fn told(registers: &BTreeSet<u16>) -> String {
 /// register that our bridge reads or writes is also read or written by `hm2_eth`, and each cycle of our
 /// bridge is one packet with a reply and one without.
 #[test]
-fn our_bridge_uses_the_registers_of_hm2_eth_in_two_packets_a_cycle() {
+fn bridge_uses_hm2_eth_registers_in_two_packets() {
     const HAL: &str = "\
 setp hm2_7i96s.0.stepgen.00.control-type 1
 setp hm2_7i96s.0.stepgen.00.position-scale 320

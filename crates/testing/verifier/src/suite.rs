@@ -94,7 +94,7 @@ mod tests {
     use crate::Route;
 
     #[test]
-    fn every_program_can_be_read_and_has_a_name_of_its_own() {
+    fn every_program_is_readable_and_named_uniquely() {
         let machine = include_str!("../../../../config/machines/bench-3axis.toml");
         let machine = Machine::parse(machine, "bench-3axis.toml").expect("machine");
         let settings = Settings {

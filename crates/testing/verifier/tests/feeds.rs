@@ -120,7 +120,7 @@ fn feeds_hold_beside_short_rapids() {
 }
 
 #[test]
-fn the_feed_of_a_rotary_axis_holds_beside_linear_moves() {
+fn rotary_axis_feed_holds_beside_linear_moves() {
     for text in [
         "G64 P0.05\nG1 X40 F5000\nG1 A-20 F300\nG1 X80 F5000\nG1 A-10 F300\nM2\n",
         "G64 P0.01\nG0 X100\nG1 A-20 F300\nG0 Y50\nM2\n",

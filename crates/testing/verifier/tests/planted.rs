@@ -255,7 +255,7 @@ fn a_skipped_spike_is_found() {
 }
 
 #[test]
-fn a_reversal_may_turn_within_the_tolerance_of_its_tip() {
+fn reversal_may_turn_within_tolerance_of_tip() {
     let program = "G21 G64 P0.02 G90 F12000\nG1 X10\nG1 X0\nM2\n";
     let motion = |tip: f64| {
         Motion::new(1000.0)
@@ -489,7 +489,7 @@ fn nine_axes_are_followed_together() {
 }
 
 #[test]
-fn blocks_of_ten_micrometres_are_followed_at_full_speed() {
+fn blocks_of_10_um_are_followed_at_full_speed() {
     // A circle in chords of 10 um, driven round it at 170 mm/s: twenty blocks a setpoint.
     let radius = 20.0;
     let count = (std::f64::consts::TAU * radius / 0.01) as usize;

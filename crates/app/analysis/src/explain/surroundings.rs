@@ -281,7 +281,7 @@ mod tests {
     use super::Corner::{Exact, Stop, Within, WithinDefault};
 
     #[test]
-    fn a_corner_is_rounded_only_if_both_moves_permit_it_and_by_the_smaller_tolerance() {
+    fn a_corner_takes_the_stricter_mode_of_its_two_moves() {
         for (own, next, taken) in [
             (Within(0.05), Exact, Exact),
             (Within(0.05), Stop, Exact),

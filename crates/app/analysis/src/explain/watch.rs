@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn slow_places_are_start_end_and_the_lowest_valley_between() {
+    fn slow_points_are_start_end_and_deepest_dip_between() {
         let feeds = [5.0, 50.0, 100.0, 60.0, 100.0, 40.0, 40.0, 90.0, 100.0, 30.0, 2.0];
         let seen = seen(&feeds, 100.0);
         let found: Vec<(Where, f64, f64)> = seen

@@ -555,7 +555,7 @@ mod tests {
 
     /// An hour at 1 kHz in the worst case for the file size: speed, cause and direction change all the time.
     #[test]
-    fn an_hour_at_1_khz_is_a_file_of_less_than_two_megabytes() {
+    fn one_hour_at_1_khz_needs_less_than_two_megabytes() {
         let mut figure = PlanFigure::new(&mill(), 0.001);
         for k in 0..3_600_000_u32 {
             let t = f64::from(k) * 1e-3;

@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn no_point_of_a_long_path_is_farther_from_the_drawing_than_it_says() {
+    fn a_long_path_stays_within_the_stated_tolerance() {
         // A spiral of 60 turns, a zigzag with reversals, and back: 100 000 points on 500.
         let path: Vec<[f64; 3]> = (0..100_000)
             .map(|k| {
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn the_corners_of_a_square_are_kept_and_its_sides_cost_nothing() {
+    fn a_square_keeps_corners_and_its_sides_few_points() {
         let mut trail = Trail::new(100, 1e-6);
         for side in 0..4 {
             for k in 0..10_000 {

@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn each_of_rate_feed_and_radius_follows_from_the_others() {
+    fn rate_feed_and_radius_each_follow_from_the_others() {
         for (rate, feed, k) in [
             (500.0, 6000.0, 1000.0),
             (3500.0, 11_548.0, 1e5),

@@ -181,7 +181,7 @@ mod tests {
     use crate::{TurningRoute, read_process};
 
     #[test]
-    fn of_a_real_workpiece_nothing_is_claimed_to_be_simulated_or_measured() {
+    fn results_on_a_real_workpiece_do_not_say_simulated() {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config");
         let job = read_process(&config.join("processes/turn-shaft.toml")).unwrap();
         let route = TurningRoute {

@@ -454,7 +454,7 @@ mod tests {
     use crate::process::read_process;
 
     #[test]
-    fn an_entry_that_adds_more_than_half_of_the_deepest_cut_per_revolution_is_noted() {
+    fn a_steep_entry_into_the_cut_is_noted() {
         let text = include_str!("../../../../../config/processes/turn-shaft.toml");
         let folder = tempfile::tempdir().unwrap();
         let note = |set_n: &str, lead_deg: &str| {

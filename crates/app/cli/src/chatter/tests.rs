@@ -54,7 +54,7 @@ fn near(value: &Value, expected: f64, relative: f64) {
 }
 
 #[test]
-fn the_worked_example_has_its_figures_and_states_what_it_assumes() {
+fn worked_example_has_its_figures_and_assumptions() {
     let answer = &json("processes/chatter-40x")["oscillation"];
     assert_eq!(answer["verdict"], "self-excited");
     let cycle = &answer["cycles"][0];
@@ -91,7 +91,7 @@ fn the_worked_example_has_its_figures_and_states_what_it_assumes() {
 }
 
 #[test]
-fn the_bistable_example_has_two_cycles_and_the_sweep_shows_the_hysteresis() {
+fn bistable_example_has_two_cycles_and_hysteresis() {
     let answer = &json("processes/chatter-40x-bistable")["oscillation"];
     assert_eq!(answer["verdict"], "bistable");
     assert_eq!(answer["cycles"][0]["stable"], false);
@@ -114,7 +114,7 @@ fn the_lobes_have_their_figures() {
 /// Here the limits of the delay equation are below the minimum of the zero-order solution, so that minimum
 /// must not be reported.
 #[test]
-fn the_minimum_limit_of_milling_is_that_of_the_delay_equation() {
+fn minimum_milling_depth_comes_from_delay_equation() {
     let lobes = &json("processes/lobes-milling")["lobes"][0];
     let zero = lobes["minima"][0]["depth_mm"].as_f64().unwrap();
     let text = ran(&ChatterArgs {
@@ -144,7 +144,7 @@ fn the_minimum_limit_of_milling_is_that_of_the_delay_equation() {
 /// Verdicts of the report for cuts whose vibration grows beyond the model after every impulse, according to
 /// an independent program.
 #[test]
-fn cuts_that_leave_the_model_are_said_to_and_depths_are_lengths() {
+fn cuts_beyond_the_model_are_reported() {
     let text = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
     let text = text
         .replace("depth_mm = 4.0", "depth_mm = 2.6080000000000001")
@@ -358,7 +358,7 @@ const SHAFT: &str = "G21 G18 G90 G94\nM3 S191\nG0 X60 Z410\nG1 X50 F93.6\nG1 Z30
                      G1 X50 F62.72\nG1 Z300\nM2\n";
 
 #[test]
-fn lines_that_would_vibrate_are_named_with_the_nearest_stable_speed() {
+fn lines_with_chatter_name_the_nearest_stable_speed() {
     let case = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
     let found = warned(SHAFT, "machines/lathe-2axis", &case).unwrap();
     // 191 rpm on a diameter of 100 mm are 60 m/min; 129 rpm are 40.5 and just beyond the border.
@@ -388,7 +388,7 @@ fn lines_that_would_vibrate_are_named_with_the_nearest_stable_speed() {
 }
 
 #[test]
-fn a_cut_is_made_with_the_spindle_of_its_feed_or_the_one_started_last() {
+fn a_cut_uses_the_feed_spindle_or_the_last_started() {
     let case = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
     let of_line_5 = |program: &str| {
         let found = warned(program, "machines/lathe-2axis", &case).unwrap();

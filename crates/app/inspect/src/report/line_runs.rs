@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_line_is_kept_while_there_is_room_and_the_longest_after() {
+    fn all_lines_are_kept_until_full_then_the_longest() {
         let mut runs = LineRuns::default();
         for (sequence, line) in [(0, 1), (1, 1), (2, 2), (3, 1), (4, 1)] {
             runs.push(sequence, line);

@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_long_path_is_shown_within_its_tolerance_by_few_points() {
+    fn a_long_path_keeps_its_tolerance_with_few_points() {
         let mut trail = Trail::new(1e9);
         let spots: Vec<Spot> = (0..200_000_u64)
             .map(|n| {

@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn an_objection_is_told_once_although_a_start_has_heard_it_first() {
+    fn an_objection_is_reported_once_even_after_a_start() {
         for start_comes_first in [false, true] {
             let (sender, mut checking) = checking();
             assert_eq!(checking.finding(), None, "under way");
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn there_is_nothing_to_tell_of_a_good_program_and_a_word_of_a_check_that_died() {
+    fn a_good_check_is_silent_and_a_dead_one_objects() {
         let (sender, mut good) = checking();
         sender.send(Ok(Coverage::Whole)).unwrap();
         assert_eq!(

@@ -275,7 +275,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_of_subroutines_that_does_not_exist_is_told_with_each_program() {
+    fn each_program_reports_a_missing_subroutine_folder() {
         let mut bench = Bench::new();
         let folder = tempfile::tempdir().unwrap();
         let program = folder.path().join("part.ngc");
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cancelled_reading_has_no_effect_although_it_hangs() {
+    fn a_cancelled_read_has_no_effect_even_if_it_hangs() {
         let mut reading = reading(|| {
             loop {
                 thread::park();
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reading_that_hangs_is_refused_when_its_time_is_over() {
+    fn a_hanging_read_is_refused_after_its_timeout() {
         let mut reading = reading(|| {
             loop {
                 thread::park();

@@ -355,7 +355,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_sentence_of_a_lost_reference_fits_into_the_status_with_every_axis() {
+    fn a_lost_reference_text_of_all_axes_fits_the_status() {
         let all = (0..AxisLetter::ALL.len()).collect::<AxisMask>();
         let home = Axes::from([-12_345.678_912_345; AxisLetter::ALL.len()]);
         let text = reference_lost(all, all, &home);

@@ -191,7 +191,7 @@ impl Bench<Bridge> {
 
 /// The position before homing is no reason to reject a program, which starts only after homing.
 #[test]
-fn a_program_is_loaded_while_an_axis_that_is_not_homed_stands_outside_its_travel() {
+fn a_program_loads_with_an_unhomed_axis_off_travel() {
     for added in [HOMING, ""] {
         let mut bench = Bench::assemble(added, |setup| {
             let (mut place, mut drives) = (Axes::zeros(), Bridge::new(setup));
@@ -257,7 +257,7 @@ fn homes(bench: &mut Bench<Bridge>) -> (u64, u64) {
 
 /// Tries each period around the one in which machine zero is set.
 #[test]
-fn an_axis_is_homed_only_once_its_drive_shows_the_coordinate() {
+fn an_axis_is_homed_once_its_drive_has_the_coordinate() {
     let (renamed, _) = homes(&mut Bench::homed_by_switch());
     let (mut kept, mut lost) = (0, 0);
     for trouble in [Trouble::EmergencyStop, Trouble::DriveFault] {
@@ -295,7 +295,7 @@ fn an_axis_is_homed_only_once_its_drive_shows_the_coordinate() {
 /// The control thread may run in the middle of a cycle. If it sees that power is gone or that homing has
 /// ended, it sees the alarm too.
 #[test]
-fn homing_that_a_drive_fault_ends_never_ends_without_its_alarm() {
+fn homing_ended_by_a_drive_fault_always_has_an_alarm() {
     let mut bench = Bench::homed_by_switch();
     let mut ended = 0;
     for moment in [1, 20, 100] {
@@ -324,7 +324,7 @@ fn homing_that_a_drive_fault_ends_never_ends_without_its_alarm() {
 
 /// The cycle reports that it has applied the new coordinates before its view shows them.
 #[test]
-fn an_axis_is_homed_where_the_desk_looks_between_an_event_and_its_view() {
+fn an_axis_is_homed_if_its_event_precedes_its_view() {
     let mut bench = Bench::homed_by_switch();
     bench.commands(CommandCode::Home, 0);
     for _ in 0..60_000 {
@@ -339,7 +339,7 @@ fn an_axis_is_homed_where_the_desk_looks_between_an_event_and_its_view() {
 }
 
 #[test]
-fn a_bridge_that_takes_the_number_and_keeps_its_names_homes_no_axis() {
+fn a_bridge_that_ignores_the_datum_homes_no_axis() {
     let mut bench = Bench::homed_by_switch();
     bench.drives.keeps_names = true;
     bench.commands(CommandCode::Home, 0);
@@ -354,7 +354,7 @@ fn a_bridge_that_takes_the_number_and_keeps_its_names_homes_no_axis() {
 
 /// The cycle renames only at rest. An order during motion has no effect, and homing works afterwards.
 #[test]
-fn new_coordinates_that_the_cycle_refuses_are_forgotten() {
+fn coordinates_that_the_cycle_rejects_are_dropped() {
     let mut bench = Bench::homed_by_switch();
     bench.commands(CommandCode::Home, 0);
     while bench.operator.view.setpoint.velocity[0] == 0.0 {
@@ -381,7 +381,7 @@ fn new_coordinates_that_the_cycle_refuses_are_forgotten() {
 
 /// An order to rename that does not fit into the queue causes an emergency stop, after which homing works.
 #[test]
-fn new_coordinates_that_do_not_fit_into_the_queue_are_forgotten() {
+fn coordinates_that_do_not_fit_the_queue_are_dropped() {
     let mut bench = Bench::homed_by_switch();
     bench.commands(CommandCode::Home, 0);
     bench.runs_seen(100);

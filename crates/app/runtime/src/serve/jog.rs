@@ -468,7 +468,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn an_axis_that_is_not_homed_may_go_its_travel_s_length_and_one_beyond_may_come_back() {
+    fn unhomed_and_out_of_travel_axes_keep_limited_motion() {
         let mut position = Axes::zeros();
         (position[0], position[1]) = (1000.0, 401.0);
         let limits = limits_here(&machine(), &position, AxisMask::from_bits(0b110));
@@ -477,7 +477,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn an_axis_that_may_only_creep_is_slowed_to_no_more_than_its_maximum() {
+    fn a_slow_axis_never_exceeds_its_maximum_speed() {
         let mut limits = machine();
         limits.velocity[1] = 1e-6;
         let from = AxesState::at_rest(Axes::zeros());

@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_continuous_jog_ends_at_the_soft_limit_and_an_increment_beyond_it_is_refused_with_how_much() {
+    fn soft_limits_end_jogs_and_reject_increments() {
         let rest = AxesState::at_rest(Axes::zeros());
         let intent = |jog: &JogCommand| JogIntent::none().taken_over_by(jog, None, &machine());
         let way = intent(&jog(0, None, -1.0, 20.0))
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn an_increment_stops_the_axes_of_a_jog_without_distance_and_counts_from_where_its_own_stops() {
+    fn an_increment_ends_a_continuous_jog_where_it_stops() {
         let limits = machine();
         let continuous = JogIntent::none().taken_over_by(&jog(0, None, 1.0, 10.0), None, &limits);
         // Of another axis.
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn an_increment_adds_to_an_increment_and_each_axis_keeps_its_speed() {
+    fn increments_add_up_and_axes_keep_their_speeds() {
         let limits = machine();
         let first = JogIntent::none().taken_over_by(&jog(0, Some(50.0), 0.0, 10.0), None, &limits);
         let mut first = first.taken_over_by(&jog(0, Some(-20.0), 0.0, 12.0), None, &limits);

@@ -33,7 +33,7 @@ struct Asked {
 }
 
 #[test]
-fn random_jogs_keep_the_speed_and_the_distance_asked_for_and_the_dead_man() {
+fn random_jogs_keep_speed_distance_and_dead_man() {
     let mut random = Random::seeded(2313);
     let mut bench = Bench::new();
     let (mut taken_over, mut stopped_by_dead_man, mut increments_done) = (0, 0, 0);
@@ -259,7 +259,7 @@ fn each_jog_is_recorded_once() {
 
 /// Otherwise a client whose jog was replaced would rely on keep-alives without effect.
 #[test]
-fn a_life_sign_for_the_jog_of_another_client_is_rejected_and_one_without_a_jog_is_not() {
+fn a_keepalive_for_the_jog_of_another_is_rejected() {
     let mut bench = Bench::new();
     let keep = bench.command(CommandCode::JogKeep);
     assert_eq!(bench.reply(1, keep), None, "nothing moves");

@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn every_alarm_of_the_drives_is_one_of_the_desk_and_latched() {
+    fn every_drive_alarm_is_a_latched_operator_alarm() {
         let first = DriveAlarm::Missing { waited_ns: 0 }.number();
         let last = DriveAlarm::Datum {
             expected: 0,

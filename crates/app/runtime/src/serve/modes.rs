@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interpreter_behind_the_preamble_is_in_the_same_modes() {
+    fn an_interpreter_after_the_preamble_has_equal_modes() {
         for text in [
             "",
             "G91 G20 G18 F12\n",
@@ -216,7 +216,7 @@ mod tests {
 
     /// The contact of an earlier block does not count as contact of this one.
     #[test]
-    fn an_abort_behind_a_probing_move_is_left_to_the_check() {
+    fn an_abort_after_a_probing_move_is_left_to_the_check() {
         let abort = "o1 if [#5070 NE 0]\n(ABORT,contact)\no1 endif\nG91\n";
         let modes = after(&format!("#5070=1\nG38.3 X10 F100\n{abort}"), 0).modes;
         assert!(modes.text.contains("G91"), "{}", modes.text);
@@ -230,7 +230,7 @@ mod tests {
 
     /// A program has ended in between. Its final modes are known, but not its words.
     #[test]
-    fn the_tool_length_of_the_end_of_a_program_counts_behind_it() {
+    fn tool_length_at_program_end_stays_in_force() {
         for (text, length) in [
             ("G49\n", 45.2),
             ("", 45.2),
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn the_work_offset_of_the_end_of_a_program_counts_behind_it() {
+    fn work_offset_at_program_end_stays_in_force() {
         let block = after("G55\n", 0);
         assert_eq!(block.kept.active_offset(), 1);
         // A program has ended with M2 in between, so the next block begins in G54.
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_is_found_before_anything_moves_and_offsets_are_foreseen() {
+    fn errors_and_offsets_are_known_before_motion() {
         let settings = Settings::default();
         let kept = KeptParameters::default();
         assert!(simulate_modes("G1 X1\n", &settings, &kept).is_err(), "no feed");
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn the_feed_of_another_spindle_goes_on_from_block_to_block() {
+    fn the_feed_of_another_spindle_persists_across_blocks() {
         let mut settings = Settings::default();
         settings.features.spindles = [true; evolvent_gcode::SPINDLES];
         let kept = KeptParameters::default();
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn the_spindle_of_threads_goes_on_from_block_to_block_beside_that_of_the_feed() {
+    fn thread_and_feed_spindles_persist_across_blocks() {
         let mut settings = Settings::default();
         settings.features.spindles = [true; evolvent_gcode::SPINDLES];
         let kept = KeptParameters::default();
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mode_of_the_spindle_goes_on_from_block_to_block() {
+    fn the_spindle_mode_persists_across_blocks() {
         let mut settings = Settings::default();
         let kept = KeptParameters::default();
         let after = simulate_modes("G96 D900 S180 M3\n", &settings, &kept).unwrap();
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn behind_m2_the_modes_are_those_of_a_beginning_and_parameters_stay() {
+    fn m2_resets_modes_and_keeps_parameters() {
         let settings = Settings::default();
         let kept = KeptParameters::default();
         for end in ["M2", "M30"] {
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn compensation_that_a_block_leaves_on_is_refused_with_what_to_do() {
+    fn compensation_left_on_by_mdi_is_refused_with_advice() {
         let fault = |text: &str| {
             let kept = KeptParameters::default();
             simulate_modes(text, &Settings::default(), &kept).err()

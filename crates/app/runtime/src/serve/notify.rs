@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn what_finds_no_room_is_told_in_its_order_when_there_is_some() {
+    fn late_notifications_are_sent_in_order_once_they_fit() {
         let folder = tempfile::tempdir().unwrap();
         let (ear, manager) = listened(&folder);
         let (socket, address) = manager.socket.as_ref().unwrap();

@@ -325,7 +325,7 @@ mod tests {
     /// ESTOP during a job: its stop has no command of its own. The cycle reports it before the override,
     /// which the cycle took from the queue earlier.
     #[test]
-    fn a_stop_without_a_command_discards_no_command_of_the_queue() {
+    fn a_stop_without_a_command_discards_no_queued_one() {
         let mut desk = Desk::new(64);
         let turn = Command::FeedOverride(0.5);
         desk.book.send(CycleCommand::Override(0.5), &turn);
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_that_counts_together_with_a_later_one_is_recorded_with_it() {
+    fn a_stop_is_recorded_with_a_later_one_of_its_kind() {
         let mut desk = Desk::new(64);
         desk.book.send(CycleCommand::Stop, &Command::Stop);
         let off = desk
@@ -358,7 +358,7 @@ mod tests {
 
     /// An order that does not fit causes an emergency stop, which does not affect orders that did fit.
     #[test]
-    fn a_queue_that_was_full_discards_no_command_that_is_in_it() {
+    fn a_full_queue_discards_none_of_its_commands() {
         let mut desk = Desk::new(1);
         let first = desk.book.send(CycleCommand::Clear, &Command::ClearAlarms);
         let lost = desk.book.send(CycleCommand::LeaveEstop, &Command::EstopReset);
@@ -370,7 +370,7 @@ mod tests {
 
     /// However often HOLD arrives before the cycle takes it, it is one order, and each HOLD is recorded.
     #[test]
-    fn a_hold_on_its_way_is_not_ordered_again_until_something_ends_it() {
+    fn a_pending_hold_is_not_ordered_twice() {
         let mut desk = Desk::new(64);
         let turn = Command::FeedOverride(0.5);
         let first = desk.book.send(CycleCommand::Hold, &Command::Hold);

@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_part_is_a_program_that_came_to_its_end_and_holds_are_told_apart() {
+    fn completed_programs_are_parts_and_holds_are_timed() {
         let mut tally = ProgramTally::default();
         tally.observe(50, false);
         assert_eq!((tally.parts(), tally.times_s(1_000_000)), (0, (0.0, 0.0)));

@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_oldest_traces_go_until_the_bound_is_kept_and_nothing_else() {
+    fn only_the_oldest_traces_go_to_keep_the_size_limit() {
         let folder = tempfile::tempdir().unwrap();
         let series = TraceSeries::new(folder.path().to_owned(), "mill", 1000);
         let write = |name: &str, bytes: usize| fs::write(folder.path().join(name), vec![0; bytes]).unwrap();

@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn offsets_tools_and_the_tool_in_the_spindle_outlive_a_restart() {
+    fn offsets_tools_and_loaded_tool_survive_a_restart() {
         let folder = folder();
         let inner = folder.path().join("made/on/demand");
         let mut keep = StateStore::open(ProgramMemory::default(), &inner);

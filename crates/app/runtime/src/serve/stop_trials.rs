@@ -68,7 +68,7 @@ impl Bench {
 
 /// The cycle checks the spindles before the drives, and both may fail for one reason.
 #[test]
-fn a_drive_fault_after_another_fault_is_listed_and_takes_the_machine_off() {
+fn a_later_drive_fault_is_listed_and_powers_off() {
     let mut bench = Bench::with_drives(X);
     bench.jogs();
     bench.runs_seen(200);
@@ -98,7 +98,7 @@ fn a_drive_fault_after_another_fault_is_listed_and_takes_the_machine_off() {
 
 /// A crash blocks the axis while it is being stopped for another fault.
 #[test]
-fn an_axis_that_is_blocked_after_another_fault_stops_and_loses_power() {
+fn an_axis_blocked_after_a_fault_stops_and_powers_off() {
     let mut bench = Bench::with_drives(X);
     bench.jogs();
     bench.runs_seen(200);
@@ -118,7 +118,7 @@ fn an_axis_that_is_blocked_after_another_fault_stops_and_loses_power() {
 
 /// Drives still follow during the stop for the first alarm.
 #[test]
-fn a_drive_that_fails_while_the_axes_stop_for_the_drives_stops_them_at_once() {
+fn a_drive_fault_turns_a_path_stop_into_a_quick_stop() {
     let mut bench = Bench::with_drives(X);
     bench.jogs();
     bench.runs_seen(200);
@@ -148,7 +148,7 @@ fn a_desk_whose_drives_have_no_power_is_off() {
 
 /// The chain opens in the cycle before the one that takes the order, and the operator does not know it.
 #[test]
-fn a_jog_that_is_ordered_as_the_chain_opens_does_not_begin() {
+fn a_jog_ordered_as_the_chain_opens_does_not_start() {
     let mut bench = Bench::with_chain();
     bench.opens_chain();
     bench.runs(1);
@@ -196,7 +196,7 @@ fn off_while_the_axes_still_stop_takes_power_at_rest() {
 
 /// The job has no alarm that gives the reason, since an emergency stop by command needs none.
 #[test]
-fn a_job_that_an_emergency_stop_forbids_raises_no_alarm_of_its_own() {
+fn a_job_denied_by_emergency_stop_raises_no_alarm() {
     let mut bench = Bench::new();
     bench.jogs();
     // As if the cycle had taken the emergency stop before the jog.
@@ -208,7 +208,7 @@ fn a_job_that_an_emergency_stop_forbids_raises_no_alarm_of_its_own() {
 
 /// Three clients change overrides faster than the cycle takes orders. This must not delay an emergency stop.
 #[test]
-fn an_emergency_stop_in_a_flood_of_overrides_counts_in_the_next_cycle() {
+fn emergency_stop_in_a_flood_acts_in_the_next_cycle() {
     let mut bench = Bench::new();
     bench.jogs();
     bench.runs_seen(200);
@@ -230,7 +230,7 @@ fn an_emergency_stop_in_a_flood_of_overrides_counts_in_the_next_cycle() {
 
 /// Clients send holds as fast as they can, or stops of a jog away from the program. Nothing else stops.
 #[test]
-fn a_flood_of_holds_and_jog_stops_is_no_emergency_stop() {
+fn a_flood_of_holds_causes_no_emergency_stop() {
     let mut bench = Bench::new();
     bench.drives_block("G1 X100 F2400");
     for moves_away in [false, true, true] {
@@ -258,7 +258,7 @@ fn a_flood_of_holds_and_jog_stops_is_no_emergency_stop() {
 
 /// Within one cycle, an order after an emergency stop takes effect, and an order before it does not undo it.
 #[test]
-fn orders_before_and_after_an_emergency_stop_keep_their_order() {
+fn orders_around_an_emergency_stop_keep_their_order() {
     let mut bench = Bench::new();
     bench.jogs();
     bench.runs_seen(100);
@@ -313,7 +313,7 @@ fn a_jog_that_a_stop_has_overtaken_ends_as_stopped() {
 
 /// A cycle that takes no orders: the orders then become one emergency stop.
 #[test]
-fn orders_that_do_not_fit_are_refused_and_become_an_emergency_stop() {
+fn orders_that_do_not_fit_cause_an_emergency_stop() {
     let mut bench = Bench::new();
     bench.jogs();
     bench.runs_seen(200);

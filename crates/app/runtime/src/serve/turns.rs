@@ -130,7 +130,7 @@ mod tests {
     /// A cycle computed while the order is on its way has the old coordinate; what begins after the order
     /// must use the new one.
     #[test]
-    fn commands_between_the_order_and_its_cycle_find_the_new_coordinate() {
+    fn commands_before_the_cycle_use_the_new_coordinate() {
         let (orders, mut cycle_orders) = RingBuffer::new(64);
         let (mut to_views, mut views) = RingBuffer::new(4);
         let (_to_events, mut events) = RingBuffer::new(1);

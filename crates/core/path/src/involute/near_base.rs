@@ -302,7 +302,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn roll_angle_and_derivatives_are_monotone_near_the_base() {
+    fn roll_derivatives_are_monotone_near_base() {
         // The bounds take the ends of a range as the extrema of phi' and phi''. Both depend on kappa only by
         // a factor, so one kappa is enough.
         let near_base = NearBase {
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn three_derivatives_continue_at_the_end_of_the_section() {
+    fn three_derivatives_match_at_end_of_near_base() {
         for phi_in in [0.0, 0.1, 0.49] {
             let roll = Roll::new(2.0, phi_in, 50.0, 3.0);
             let near_base = roll.near_base.unwrap();

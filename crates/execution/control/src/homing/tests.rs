@@ -190,7 +190,7 @@ impl Machine {
 }
 
 #[test]
-fn zero_is_found_to_a_step_of_the_latch_speed_from_either_side_of_the_switch() {
+fn zero_is_within_one_step_from_either_side_of_switch() {
     for start in [500.0, 0.0, -123.4, -124.0, -130.0] {
         let mut machine = Machine::at(start);
         machine.run(&mut Homing::new(vec![AXIS], 1)).unwrap();
@@ -202,7 +202,7 @@ fn zero_is_found_to_a_step_of_the_latch_speed_from_either_side_of_the_switch() {
 }
 
 #[test]
-fn a_switch_that_is_missing_or_stuck_ends_the_sequence_with_its_alarm() {
+fn a_missing_or_stuck_switch_ends_homing_with_alarm() {
     let mut machine = Machine::at(0.0);
     machine.cut = true;
     assert_eq!(
@@ -279,7 +279,7 @@ fn a_switch_that_is_not_found_again_is_told() {
 
 /// Every action of a sequence of two axes, and no other action, however long an axis takes to stop.
 #[test]
-fn each_axis_searches_backs_off_latches_and_goes_home_at_rest_only() {
+fn each_axis_searches_backs_off_latches_and_homes() {
     let y = HomingAxis {
         axis: AxisLetter::Y,
         method: HomingMethod::Switch,
@@ -372,7 +372,7 @@ fn with_index(when_opening: bool, direction: f64) -> (HomingAxis, f64) {
 }
 
 #[test]
-fn the_first_pulse_after_the_edge_is_zero_whatever_the_start_the_delay_and_the_way() {
+fn the_first_pulse_after_the_edge_is_zero() {
     for when_opening in [false, true] {
         let (axis, beyond) = with_index(when_opening, -1.0);
         for start in [500.0, 0.0, -123.4, -124.0, -130.0] {
@@ -392,7 +392,7 @@ fn the_first_pulse_after_the_edge_is_zero_whatever_the_start_the_delay_and_the_w
 }
 
 #[test]
-fn a_pulse_that_does_not_come_within_its_distance_is_an_alarm_and_the_axis_has_not_gone_farther() {
+fn a_missing_pulse_is_an_alarm_within_its_distance() {
     for when_opening in [false, true] {
         let (axis, _) = with_index(when_opening, -1.0);
         let mut machine = Machine::at(0.0);
@@ -404,7 +404,7 @@ fn a_pulse_that_does_not_come_within_its_distance_is_an_alarm_and_the_axis_has_n
 }
 
 #[test]
-fn a_bridge_that_latches_no_pulses_is_told_from_a_pulse_that_is_missing() {
+fn a_bridge_without_latches_has_an_alarm_of_its_own() {
     let (axis, _) = with_index(false, -1.0);
     let method = HomingMethod::SwitchThenIndex {
         when_opening: false,
@@ -425,7 +425,7 @@ fn a_bridge_that_latches_no_pulses_is_told_from_a_pulse_that_is_missing() {
 }
 
 #[test]
-fn without_a_switch_the_axis_moves_when_the_pulse_would_be_latched_and_takes_the_next() {
+fn without_a_switch_the_next_armed_pulse_is_zero() {
     for direction in [1.0, -1.0] {
         let axis = HomingAxis {
             method: HomingMethod::Index { within: 6.0 },
@@ -484,7 +484,7 @@ fn a_latched_position_off_the_way_is_refused_at_rest() {
 }
 
 #[test]
-fn an_absolute_encoder_moves_nothing_and_is_believed_as_far_as_its_drive_says() {
+fn an_absolute_encoder_homes_without_motion() {
     let axis = HomingAxis {
         method: HomingMethod::Absolute,
         ..AXIS
@@ -505,7 +505,7 @@ fn an_absolute_encoder_moves_nothing_and_is_believed_as_far_as_its_drive_says() 
 
 /// A broken wire: the axis must not move on into the hard stop behind the limit switch.
 #[test]
-fn an_axis_that_reaches_its_limit_switch_before_its_home_switch_stops_and_says_why() {
+fn a_limit_switch_before_the_home_switch_is_an_alarm() {
     for (method, name) in [
         (HomingMethod::Switch, "switch"),
         (with_index(false, -1.0).0.method, "closing"),
@@ -554,7 +554,7 @@ fn the_slow_approach_ends_at_the_limit_switch_too() {
 /// One switch may be both limit and home switch, and its two inputs need not close at the same time: the
 /// filter of the home input may be as long as the slow one of a Mesa board.
 #[test]
-fn a_switch_that_is_both_homes_and_the_limit_may_be_seen_first() {
+fn a_shared_home_and_limit_switch_may_close_late() {
     for filter in [0, 10, 25, 50] {
         for start in [0.0, -123.4, -130.0] {
             let mut machine = Machine::at(start);
@@ -581,7 +581,7 @@ fn a_switch_that_is_both_homes_and_the_limit_may_be_seen_first() {
 /// A gantry in which each side has one switch as home and limit switch: the limit of the side that arrives
 /// first is seen until the home input closes.
 #[test]
-fn a_gantry_goes_on_from_the_limit_of_one_side_to_the_switch_of_the_other() {
+fn a_gantry_passes_the_limit_of_the_first_side() {
     for filter in [1, 25, 50] {
         for second in [-123.0, -123.456, -124.0] {
             for start in [0.0, -130.0] {
@@ -598,7 +598,7 @@ fn a_gantry_goes_on_from_the_limit_of_one_side_to_the_switch_of_the_other() {
 
 /// One input for the home switch and both limit switches of an axis.
 #[test]
-fn a_home_switch_that_presses_both_limit_switches_is_left_and_found() {
+fn a_home_switch_wired_to_both_limits_is_found() {
     let methods = [
         HomingMethod::Switch,
         with_index(false, -1.0).0.method,
@@ -626,7 +626,7 @@ fn a_home_switch_that_presses_both_limit_switches_is_left_and_found() {
 
 /// Limit switches that the homing sequence does not handle itself stop the axes as always.
 #[test]
-fn only_the_limit_switch_in_the_direction_of_the_search_is_expected_and_only_until_zero_is_known() {
+fn only_the_limit_of_the_search_direction_is_expected() {
     let mut homing = Homing::new(vec![AXIS], 1);
     let none = [AxisMask::NONE; 2];
     let mut seen = vec![homing.expected_limits()];

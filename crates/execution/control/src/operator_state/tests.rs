@@ -46,7 +46,7 @@ fn waiting_for_drives() -> OperatorState {
 }
 
 #[test]
-fn drives_that_come_up_after_power_was_taken_back_do_not_switch_the_machine_on() {
+fn drives_enabled_after_power_off_do_not_power_up() {
     type Way = fn(&mut OperatorState);
     let ways: [(Way, MachineState); 3] = [
         (
@@ -65,7 +65,7 @@ fn drives_that_come_up_after_power_was_taken_back_do_not_switch_the_machine_on()
 }
 
 #[test]
-fn asking_for_power_again_gives_the_drives_no_more_time() {
+fn repeated_power_requests_do_not_extend_the_timeout() {
     let mut desk = waiting_for_drives();
     desk.commit(&Command::On, 1000 + ENABLE_NS, true);
     desk.enable(false, 1000 + ENABLE_NS);
@@ -115,7 +115,7 @@ fn says(
 }
 
 #[test]
-fn after_a_rejected_load_nothing_starts_unless_it_is_named() {
+fn after_a_rejected_load_start_requires_a_name() {
     let mut desk = OperatorState::default();
     desk.set_homed(AxisMask::from_bits(0b111));
     for command in [Command::EstopReset, Command::On, Command::SetMode(Mode::Auto)] {
@@ -154,7 +154,7 @@ fn after_a_rejected_load_nothing_starts_unless_it_is_named() {
 }
 
 #[test]
-fn one_axis_that_is_not_homed_keeps_programs_from_starting() {
+fn one_axis_not_homed_blocks_program_start() {
     let (mut desk, mut client) = (OperatorState::default(), Client(0));
     for (code, index) in [
         (CommandCode::EstopReset, 0),
@@ -193,7 +193,7 @@ fn a_core_that_ends_takes_no_command() {
 }
 
 #[test]
-fn losing_power_leaves_an_emergency_stop_and_a_machine_that_is_off_as_they_are() {
+fn losing_power_keeps_emergency_stop_and_off() {
     type Way = fn(&mut OperatorState);
     let ways: [Way; 2] = [
         |desk| desk.commit(&Command::Off, 0, false),
@@ -216,7 +216,7 @@ fn losing_power_leaves_an_emergency_stop_and_a_machine_that_is_off_as_they_are()
 }
 
 #[test]
-fn who_is_refused_for_a_latched_alarm_is_told_which_and_otherwise_what_the_rule_says() {
+fn a_rejection_for_an_alarm_names_the_alarm() {
     let refusal = |desk: &mut OperatorState, serial: u64| {
         let raw = RawCommand {
             command: CommandCode::Home as u32,
@@ -370,7 +370,7 @@ fn whatever_is_refused_changes_nothing_but_the_counts() {
 }
 
 #[test]
-fn faults_are_latched_and_what_a_job_left_goes_with_the_next_one() {
+fn faults_latch_and_alarms_of_a_job_end_with_the_next() {
     let (mut desk, mut client) = (OperatorState::default(), Client(0));
     client.sends(&mut desk, CommandCode::EstopReset, 0).unwrap();
     client.sends(&mut desk, CommandCode::On, 0).unwrap();
@@ -391,7 +391,7 @@ fn faults_are_latched_and_what_a_job_left_goes_with_the_next_one() {
 }
 
 #[test]
-fn an_alarm_that_latches_is_listed_however_many_others_are() {
+fn a_latching_alarm_is_listed_among_many_others() {
     let kinds = |latched: bool| {
         Alarm::ALL
             .iter()
@@ -447,7 +447,7 @@ fn the_first_of_the_alarms_is_their_cause() {
 }
 
 #[test]
-fn drives_that_are_not_enabled_in_time_raise_an_alarm_and_the_machine_stays_off() {
+fn drives_not_enabled_in_time_raise_an_alarm() {
     let mut desk = OperatorState::default();
     desk.commit(&Command::EstopReset, 0, true);
     desk.commit(&Command::On, 1_000, true);
@@ -463,7 +463,7 @@ fn drives_that_are_not_enabled_in_time_raise_an_alarm_and_the_machine_stays_off(
 }
 
 #[test]
-fn an_open_chain_keeps_the_machine_in_emergency_stop_and_one_that_opens_leads_there() {
+fn an_open_chain_is_an_emergency_stop() {
     let open = OperatorInputs {
         is_chain_open: true,
         ..FACTS

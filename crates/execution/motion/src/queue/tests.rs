@@ -28,7 +28,7 @@ fn four() -> (PlanProducer<fn() -> bool>, PlanConsumer) {
 }
 
 #[test]
-fn a_linked_step_is_followed_by_what_it_is_linked_to_and_that_is_final() {
+fn the_successor_of_a_linked_step_is_final() {
     let (mut producer, mut consumer) = four();
     assert_eq!(consumer.successor(0), (1, true));
     assert_eq!(consumer.successor(1), (2, false), "the tail may yet be replaced");
@@ -50,7 +50,7 @@ fn a_tail_that_was_claimed_cannot_be_skipped_any_more() {
 }
 
 #[test]
-fn a_tail_stays_a_tail_when_what_was_appended_after_it_is_declared_final() {
+fn a_commit_after_a_tail_does_not_commit_the_tail() {
     let (mut producer, consumer) = four();
     producer.step(&dwell(4)).expect("room");
     producer.commit(5);
@@ -73,7 +73,7 @@ fn a_step_that_was_not_left_open_is_not_linked() {
 }
 
 #[test]
-fn a_place_that_is_kept_after_a_stop_is_that_of_the_step_that_is_linked_to_it() {
+fn a_reserved_place_is_occupied_by_its_linked_step() {
     let (mut producer, mut consumer) = plan_queue(|| false);
     producer.step(&dwell(0)).expect("room");
     producer.keep_place().expect("room");
@@ -117,7 +117,7 @@ fn the_planner_hears_which_request_was_withdrawn() {
 }
 
 #[test]
-fn a_look_that_failed_fails_again_and_so_do_those_after_it() {
+fn a_failed_look_makes_later_looks_fail() {
     let (mut producer, mut consumer) = four();
     assert!(producer.link(1, 3));
     consumer.begin_cycle(Some(1));
@@ -170,14 +170,14 @@ fn answers_that_nobody_read_leave_room_for_the_next() {
 }
 
 #[test]
-fn a_claim_of_a_step_whose_successor_is_final_settles_nothing() {
+fn a_claim_with_a_final_successor_settles_nothing() {
     let (_producer, mut consumer) = four();
     assert_eq!(consumer.claim_successor(0), (1, true));
     assert!(!consumer.is_claimed(0));
 }
 
 #[test]
-fn a_step_in_the_place_of_an_old_one_has_no_link_and_no_exit_of_it() {
+fn a_reused_slot_keeps_neither_link_nor_exit() {
     let (mut producer, mut consumer) = plan_queue(|| false);
     let size = (PENDING_STEPS + READY_STEPS) as u64;
     producer.step(&dwell(0)).expect("room");
@@ -201,7 +201,7 @@ fn a_step_in_the_place_of_an_old_one_has_no_link_and_no_exit_of_it() {
 }
 
 #[test]
-fn a_full_queue_waits_until_something_is_taken_and_says_so_if_nobody_takes() {
+fn a_full_queue_waits_and_reports_a_stuck_consumer() {
     let waits = Rc::new(Cell::new(0));
     let counted = Rc::clone(&waits);
     let (mut producer, consumer) = plan_queue(move || {
@@ -223,7 +223,7 @@ fn a_full_queue_waits_until_something_is_taken_and_says_so_if_nobody_takes() {
 }
 
 #[test]
-fn what_is_taken_is_gone_and_the_rest_keeps_its_numbers() {
+fn taken_steps_are_gone_and_others_keep_their_numbers() {
     let (_producer, mut consumer) = four();
     assert_eq!(consumer.step(2), Some(dwell(2)));
     consumer.take(2, 0, 0, 17);
@@ -237,7 +237,7 @@ fn what_is_taken_is_gone_and_the_rest_keeps_its_numbers() {
 }
 
 #[test]
-fn a_planner_that_has_gone_is_noticed_and_what_it_left_can_be_read() {
+fn an_ended_planner_is_noticed_and_its_steps_remain() {
     let (mut producer, mut consumer) = four();
     assert!(!consumer.has_no_planner() && !consumer.is_abandoned());
     producer.step(&Step::End { line: 9 }).expect("room");
@@ -254,7 +254,7 @@ fn a_planner_that_has_gone_is_noticed_and_what_it_left_can_be_read() {
 }
 
 #[test]
-fn only_the_last_request_is_open_and_only_its_answer_is_heard() {
+fn only_the_last_request_is_open_and_answered() {
     let (mut producer, mut consumer) = four();
     assert_eq!(producer.request(), None);
     assert!(consumer.ask(request(1)) && consumer.ask(request(2)));
@@ -276,7 +276,7 @@ fn only_the_last_request_is_open_and_only_its_answer_is_heard() {
 }
 
 #[test]
-fn requests_that_a_dead_planner_does_not_read_are_refused_when_there_is_no_room() {
+fn requests_are_rejected_when_their_queue_is_full() {
     let (_producer, mut consumer) = four();
     let sent = (1..=20).take_while(|&id| consumer.ask(request(id))).count();
     assert_eq!(sent, REQUESTS);

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_tap_goes_in_and_out_in_phase_and_stops_at_its_depth() {
+fn a_tap_goes_in_and_out_in_phase_to_its_depth() {
     for rpm in [100.0, 1000.0] {
         let rev_s = rpm / 60.0;
         let torque = 2000.0 / 60.0;
@@ -137,7 +137,7 @@ fn jammed(trouble: Trouble, braking: Option<f64>, period_ns: u64) -> Outcome {
 }
 
 #[test]
-fn a_tap_whose_spindle_jams_stops_with_an_error_at_every_phase() {
+fn a_tap_with_a_jammed_spindle_stops_with_an_error() {
     for (period_ns, braking) in [
         (1_000_000, Some(33.0)),
         (1_000_000, None),

@@ -28,7 +28,7 @@ fn error_of_a_pass(spindle: &Spindle, pitch: f64, what: &str) -> f64 {
 }
 
 #[test]
-fn a_thread_is_in_phase_on_uneven_spindles_at_any_speed() {
+fn a_thread_is_in_phase_on_uneven_spindles() {
     let mut worst_of_all: f64 = 0.0;
     for rpm in [100.0, 600.0, 1500.0, 3000.0] {
         for (order, ripple) in [(1.0, 0.02), (2.0, 0.02), (3.0, 0.02), (1.0, 0.0)] {
@@ -61,7 +61,7 @@ fn a_thread_is_in_phase_on_uneven_spindles_at_any_speed() {
 
 /// Encoders of few lines, whose reported angle does not change for several samples at low speed.
 #[test]
-fn a_thread_is_in_phase_with_encoders_of_any_resolution() {
+fn a_thread_is_in_phase_at_any_encoder_resolution() {
     for counts in [100.0, 256.0, 360.0, 400.0, 1024.0, 2500.0, 10_000.0] {
         for rpm in [100.0, 300.0, 1000.0, 3000.0] {
             for ripple in [0.0, 0.01] {
@@ -86,7 +86,7 @@ fn a_thread_is_in_phase_with_encoders_of_any_resolution() {
 }
 
 #[test]
-fn passes_at_other_speeds_and_after_holds_lie_in_the_same_groove() {
+fn passes_after_holds_at_other_speeds_share_a_groove() {
     let mut random = Random::from_state(0x7ead_0001);
     for case in 0..12 {
         let rev_s = random.log(1.0, 60.0);
@@ -126,7 +126,7 @@ fn passes_at_other_speeds_and_after_holds_lie_in_the_same_groove() {
 }
 
 #[test]
-fn a_tool_that_begins_to_cut_slows_the_spindle_and_the_thread_follows() {
+fn a_thread_follows_a_spindle_slowed_by_the_cut() {
     let spindle = Spindle {
         rev_s: 20.0,
         torque: 10.0,
@@ -159,7 +159,7 @@ fn a_tool_that_begins_to_cut_slows_the_spindle_and_the_thread_follows() {
 }
 
 #[test]
-fn random_threads_keep_every_limit_whatever_the_spindle_does() {
+fn random_threads_keep_every_limit() {
     let seed = 0x7ead_0002;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
@@ -285,7 +285,7 @@ fn random_threads_keep_every_limit_whatever_the_spindle_does() {
 }
 
 #[test]
-fn a_lost_angle_ends_a_pass_where_it_is_and_not_before_the_index_pulse_does_one_begin() {
+fn a_lost_angle_ends_a_pass_and_blocks_the_next() {
     let spindle = Spindle {
         rev_s: 10.0,
         torque: 33.0,
@@ -316,7 +316,7 @@ fn a_lost_angle_ends_a_pass_where_it_is_and_not_before_the_index_pulse_does_one_
 }
 
 #[test]
-fn an_override_of_the_spindle_in_a_pass_is_followed_in_phase() {
+fn an_override_of_the_spindle_is_followed_in_phase() {
     for change in [-0.3, 0.3] {
         let spindle = Spindle {
             rev_s: 15.0,
@@ -376,7 +376,7 @@ fn what_cannot_be_cut_is_refused_at_rest() {
 }
 
 #[test]
-fn a_spindle_that_stops_before_the_run_in_ends_a_pass_and_a_slow_one_does_not() {
+fn a_spindle_stopped_before_the_run_in_ends_a_pass() {
     // Up to one turn passes before the axes move: one second here.
     let spindle = Spindle {
         rev_s: 1.0,

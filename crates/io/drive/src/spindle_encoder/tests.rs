@@ -84,7 +84,7 @@ impl Shaft {
 /// Random speeds and reversals, counters of 16 and 32 bits that wrap round, both directions of counting,
 /// gears: the angle is the true one within a count, from the first pulse on.
 #[test]
-fn the_angle_is_that_since_the_pulse_whatever_the_counter_does() {
+fn angle_counts_from_index_across_counter_wraps() {
     let mut random = Random::new();
     for round in 0..300 {
         let gear = [[1, 1], [2, 1], [1, 2], [3, 2], [40, 17]][random.bits() as usize % 5];
@@ -117,7 +117,7 @@ fn the_angle_is_that_since_the_pulse_whatever_the_counter_does() {
 }
 
 #[test]
-fn the_angle_is_unknown_before_the_first_pulse_and_always_without_one() {
+fn angle_is_unknown_before_index_or_without_one() {
     let mut shaft = Shaft::new(SETTINGS, 0.4);
     for _ in 0..80 {
         shaft.step(600.0, MS);
@@ -141,7 +141,7 @@ fn the_angle_is_unknown_before_the_first_pulse_and_always_without_one() {
 
 /// The angle of the time before is worth nothing: the zero is that of the next pulse.
 #[test]
-fn an_encoder_that_was_not_read_for_too_long_looks_for_its_zero_again() {
+fn encoder_unread_for_too_long_searches_index_again() {
     let mut shaft = Shaft::new(SETTINGS, 0.0);
     for _ in 0..300 {
         shaft.step(600.0, MS);
@@ -160,7 +160,7 @@ fn an_encoder_that_was_not_read_for_too_long_looks_for_its_zero_again() {
 /// Three turns of the encoder per turn of the spindle: a pulse each third of a turn, and the zero is the
 /// first of them.
 #[test]
-fn pulses_of_an_encoder_behind_a_gear_are_compared_by_its_own_turn() {
+fn geared_encoder_checks_index_by_encoder_turns() {
     let mut encoder = SpindleEncoder::new(SpindleEncoderSettings {
         counts_per_turn: 400,
         gear: [3, 1],
@@ -184,7 +184,7 @@ fn pulses_of_an_encoder_behind_a_gear_are_compared_by_its_own_turn() {
 }
 
 #[test]
-fn an_absolute_counter_is_known_with_its_first_reading() {
+fn absolute_encoder_is_indexed_at_first_reading() {
     let absolute = SpindleEncoderSettings {
         counter_bits: 32,
         index: SpindleIndex::Absolute { zero: 1024 },
@@ -229,7 +229,7 @@ fn the_speed_is_exact_at_any_speed() {
 }
 
 #[test]
-fn a_spindle_that_stops_is_standing_soon_and_one_on_an_edge_too() {
+fn stopped_spindle_is_standing_even_on_count_edge() {
     let mut shaft = Shaft::new(SETTINGS, 0.0);
     for _ in 0..300 {
         shaft.step(1000.0, MS);
@@ -250,7 +250,7 @@ fn a_spindle_that_stops_is_standing_soon_and_one_on_an_edge_too() {
 }
 
 #[test]
-fn the_noise_of_a_fine_encoder_is_no_motion_and_a_slow_turn_is() {
+fn fine_encoder_noise_is_no_motion_slow_turn_is() {
     let fine = SpindleEncoderSettings {
         counter_bits: 32,
         counts_per_turn: 1 << 20,
@@ -271,7 +271,7 @@ fn the_noise_of_a_fine_encoder_is_no_motion_and_a_slow_turn_is() {
 }
 
 #[test]
-fn lost_counts_are_a_fault_until_it_is_reset_at_any_of_them() {
+fn any_number_of_lost_counts_is_a_fault_until_reset() {
     let mut random = Random::new();
     for _ in 0..200 {
         let mut shaft = Shaft::new(SETTINGS, random.between(-3.0, 3.0));
@@ -309,7 +309,7 @@ fn lost_counts_are_a_fault_until_it_is_reset_at_any_of_them() {
 }
 
 #[test]
-fn an_index_that_does_not_come_again_is_a_fault_after_two_turns() {
+fn missing_index_is_a_fault_after_two_turns() {
     for seen_before in [true, false] {
         let mut shaft = Shaft::new(SETTINGS, 0.5);
         shaft.has_index = seen_before;
@@ -340,7 +340,7 @@ fn an_index_that_does_not_come_again_is_a_fault_after_two_turns() {
 }
 
 #[test]
-fn a_speed_is_reached_within_its_tolerance_and_with_the_input_of_the_drive() {
+fn speed_is_reached_by_tolerance_and_drive_input() {
     let mut shaft = Shaft::new(SETTINGS, 0.0);
     for _ in 0..300 {
         shaft.step(-990.0, MS);

@@ -68,7 +68,7 @@ fn search_at_5_mm_s() -> HomingOnDrive {
 
 /// The counter of a drive returns to 0 at its zero, some periods before the drive reports that it has homed.
 #[test]
-fn the_step_to_the_zero_that_the_drive_found_is_no_motion() {
+fn step_to_zero_found_by_drive_is_no_motion() {
     let (period_s, max_velocity) = (1e-3, 400.0);
     let mut homed = axis(false);
     homed.homing = HomingProgress::Needed;
@@ -111,7 +111,7 @@ fn the_step_to_the_zero_that_the_drive_found_is_no_motion() {
 /// 20 lost frames, in which the counter has gone back to 0: 4 mm, which the axis could move at its maximum
 /// velocity, but not at the 5 mm/s of the search.
 #[test]
-fn the_step_to_the_zero_is_no_motion_after_lost_frames_either() {
+fn step_to_zero_after_lost_frames_is_no_motion() {
     let mut homed = axis(false);
     homed.settings.homing = Some(search_at_5_mm_s());
     homed.homing = HomingProgress::Running(20);
@@ -130,7 +130,7 @@ fn the_step_to_the_zero_is_no_motion_after_lost_frames_either() {
 }
 
 #[test]
-fn the_target_is_the_actual_position_until_operation_is_enabled() {
+fn target_is_actual_position_until_enabled() {
     let mut axis = axis(true);
     let status = |state: DriveState| DriveInputs {
         status_word: state.code(),
@@ -149,7 +149,7 @@ fn the_target_is_the_actual_position_until_operation_is_enabled() {
 
 /// The core has removed power at the end of its own ramp; the ramp of the drive (6085h) is longer.
 #[test]
-fn power_off_leaves_a_drive_its_quick_stop_until_its_position_stands() {
+fn power_off_keeps_quick_stop_until_axis_stands() {
     let mut axis = axis(false);
     let mut position = 0;
     let mut period = |increments: i32, request| {

@@ -42,7 +42,7 @@ fn drives_of(machine: &Machine, network: &Network, starts: &Starts) -> DriveSet 
 /// At 300 mm/s, with a sample in each period, after four lost frames, and after a suspension of the bridge
 /// for ten periods.
 #[test]
-fn the_velocity_after_lost_frames_is_that_of_the_time_between_the_samples() {
+fn velocity_after_lost_frames_uses_time_of_samples() {
     let (machine, network) = mill_with("");
     let mut drives = drives_of(&machine, &network, &Starts::default());
     let mut period = 0;
@@ -66,7 +66,7 @@ fn the_velocity_after_lost_frames_is_that_of_the_time_between_the_samples() {
 
 /// A multi-turn counter without `absolute`, 500 turns from its zero.
 #[test]
-fn a_drive_that_is_homed_begins_at_zero_and_keeps_its_place_over_sessions() {
+fn homed_drive_starts_at_zero_and_survives_sessions() {
     let homing = "\n[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 50\nlatch_mm_s = 5\n\
                   switch_mm = -5\n";
     // 2^20 increments a turn of 5 mm.
@@ -178,7 +178,7 @@ impl Bench {
 }
 
 #[test]
-fn faults_are_reset_for_a_core_that_asks_for_it_and_for_no_other() {
+fn faults_are_reset_only_for_core_that_requests_it() {
     let mut bench = Bench::new(false);
     // Drives that are in fault before the session, whose core has reset three faults.
     bench.fault = Some(0x2310);
@@ -245,7 +245,7 @@ fn a_drive_that_waits_for_the_others_holds_its_place() {
 
 /// A probe at two drives, whose first contact bounces: one drive is armed again in time to count the bounce.
 #[test]
-fn a_bounce_that_one_drive_counts_leaves_the_other_in_the_next_touches() {
+fn bounce_counted_by_one_drive_leaves_next_touches() {
     let (machine, mut network) = mill_with("");
     axes_of(&mut network)
         .take(2)
@@ -282,7 +282,7 @@ fn a_bounce_that_one_drive_counts_leaves_the_other_in_the_next_touches() {
 }
 
 #[test]
-fn drives_that_home_stop_when_the_core_has_gone_and_no_other_begins() {
+fn homing_drives_stop_without_core_and_none_starts() {
     let mut bench = Bench::new(true);
     bench.run(20, true);
     bench.request(PowerRequest::On);
@@ -310,7 +310,7 @@ fn drives_that_home_stop_when_the_core_has_gone_and_no_other_begins() {
 
 /// A counter without `absolute` 500 turns from its zero, which the drive's own homing sets to 0.
 #[test]
-fn a_drive_that_has_homed_counts_from_there_in_the_next_session_too() {
+fn homed_drive_counts_from_zero_in_next_session() {
     let (machine, mut network) = mill_with("");
     let axis = axes_of(&mut network).next().expect("an axis");
     axis.homing = homing_on_drive(0);

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_in_a_rotated_system_is_what_the_program_wrote() {
+    fn rotated_position_is_as_programmed() {
         // 30 degrees about (5, 6): (10, 4) is 10 cos 30 - 4 sin 30 and 10 sin 30 + 4 cos 30 from there.
         let machine = |x: f64, y: f64| Axes::from_fn(|axis, _| [x, y].get(axis).copied().unwrap_or(0.0));
         let modal = after("G10 L2 P1 X5 Y6 R30\n\n");

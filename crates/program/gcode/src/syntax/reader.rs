@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn several_returns_before_a_line_feed_end_the_line_as_one() {
+    fn returns_before_a_line_feed_end_one_line() {
         let mut text = Vec::new();
         // At every length of the buffer of the input, and at the maximum length of a line.
         for capacity in 1..12 {

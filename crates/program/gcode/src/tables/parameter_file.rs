@@ -366,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn invalid_parameter_files_are_rejected_with_their_line() {
+    fn invalid_parameter_files_report_the_line() {
         for (text, line) in [
             ("5161", 1),
             ("5161 1\nx 1", 2),

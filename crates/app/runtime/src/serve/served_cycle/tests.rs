@@ -135,7 +135,7 @@ fn calls_during(jogs: u64) -> (u64, u64) {
 }
 
 #[test]
-fn the_cycle_allocates_and_frees_nothing_however_long_it_runs_and_whatever_it_drives() {
+fn the_cycle_neither_allocates_nor_frees() {
     let (few, _) = calls_during(1);
     let (many, cycles) = calls_during(12);
     assert!(cycles > 500, "{cycles} cycles prove nothing");
@@ -154,7 +154,7 @@ fn settings() -> SignalSettings {
 
 /// The control thread sleeps: events and views are not read, and no order arrives.
 #[test]
-fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sleeps() {
+fn an_open_chain_acts_without_the_control_thread() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
     let limits = Machine::load(&file).unwrap().limits();
     let period_ns = 1_000_000;
@@ -234,7 +234,7 @@ fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sl
 /// Bridges take over a datum at rest, so a motion that was ordered together with it begins one setpoint
 /// later.
 #[test]
-fn a_datum_is_published_at_rest_before_the_next_motion() {
+fn a_datum_is_published_at_rest_before_motion() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
     let limits = Machine::load(&file).unwrap().limits();
     let period_ns = 1_000_000;
@@ -410,7 +410,7 @@ fn power_returns_once_the_drives_have_been_without_it() {
 
 /// A bridge that repeats its last reply for ever: its alarm comes from the watch, and the wait ends.
 #[test]
-fn power_that_nobody_replies_to_is_requested_in_half_a_second() {
+fn power_without_a_reply_is_requested_after_500_ms() {
     let mut trial = PowerTrial::new();
     trial.power(1, ON);
     trial.run(20);
@@ -424,7 +424,7 @@ fn power_that_nobody_replies_to_is_requested_in_half_a_second() {
 
 /// Otherwise its voltage would be removed at speed, and the bridge would then refuse power.
 #[test]
-fn power_waits_for_a_drive_that_brakes_longer_than_half_a_second() {
+fn power_waits_for_a_drive_that_brakes_over_500_ms() {
     for ramp_ends in [true, false] {
         let mut trial = PowerTrial::new();
         trial.power(1, ON);
@@ -444,7 +444,7 @@ fn power_waits_for_a_drive_that_brakes_longer_than_half_a_second() {
 
 /// Waiting for it would hide its alarm.
 #[test]
-fn power_is_requested_at_once_of_a_bridge_that_has_fallen_silent() {
+fn power_is_requested_at_once_of_a_silent_bridge() {
     let mut trial = PowerTrial::new();
     trial.power(1, ON);
     trial.run(20);
