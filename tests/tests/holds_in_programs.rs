@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use evolvent_machine::{ControlRate, Machine};
-use evolvent_motion::{Setpoint, State};
+use evolvent_motion::{MotionState, Setpoint};
 use evolvent_runtime::{Controls, Job, Notice, RunObserver, RunOutcome, Setup, run};
 use evolvent_tests::{Random, Workshop, repository};
 
@@ -73,7 +73,7 @@ fn holds(job: &Job, count: usize, random: &mut Random) -> (Vec<Hold>, RunOutcome
     let outcome = drive(job, &controls, |setpoint| match &mut held {
         None if next > 0 => next -= 1,
         None => {
-            if setpoint.state == State::Running && setpoint.feed_mm_s > 0.0 {
+            if setpoint.state == MotionState::Running && setpoint.feed_mm_s > 0.0 {
                 orders.set_hold(true);
                 held = Some((0, *setpoint));
             }
@@ -81,7 +81,7 @@ fn holds(job: &Job, count: usize, random: &mut Random) -> (Vec<Hold>, RunOutcome
         Some((cycles, from)) => {
             *cycles += 1;
             assert!(*cycles < 100_000, "a hold at line {} does not end", from.line);
-            let rests = !matches!(setpoint.state, State::Running | State::Holding);
+            let rests = !matches!(setpoint.state, MotionState::Running | MotionState::Holding);
             if rests {
                 found.push(Hold {
                     line: from.line,

@@ -7,9 +7,9 @@ use std::collections::VecDeque;
 use evolvent_bridge_sim::{Fault, FaultKind, SimBridge, SimIndex, SimSettings};
 use evolvent_bus::{AXES, ControlRequest, Feedback, Setpoint, Status};
 use evolvent_control::{Alarm, Homing, HomingAction, HomingAxis, HomingSample, Rejection};
-use evolvent_drive::{Command, FeedbackWatch, PowerRequest, Presence, WatchSettings};
+use evolvent_drive::{DriveSetpoint, FeedbackWatch, PowerRequest, Presence, WatchSettings};
 use evolvent_machine::{HomingMethod, Limits};
-use evolvent_motion::{MachineState, State, TransferExecutor};
+use evolvent_motion::{MotionState, SetpointGenerator, TransferExecutor};
 use evolvent_path::{Axes, AxisLetter, AxisMask};
 use evolvent_replay::verify;
 use evolvent_tests::{Domain, Drives, Operator, Random, Served, Workshop, command, unless_disturbed};
@@ -36,7 +36,7 @@ fn limits() -> Limits {
 
 /// The part of a core that homes one axis.
 struct Core {
-    station: MachineState,
+    station: SetpointGenerator,
     steering: Option<TransferExecutor>,
     homing: Homing,
     watch: FeedbackWatch,
@@ -49,7 +49,7 @@ struct Core {
 impl Core {
     fn new(axis: HomingAxis, position: Axes) -> Self {
         Self {
-            station: MachineState::new(far(), PERIOD_NS, position),
+            station: SetpointGenerator::new(far(), PERIOD_NS, position),
             steering: None,
             homing: Homing::new(vec![axis], 5),
             watch: FeedbackWatch::new(WatchSettings::new(PERIOD_NS, AxisMask::one(0))),
@@ -117,10 +117,10 @@ impl Core {
         }
         let step = match &mut self.steering {
             Some(steering) => self.station.steer(steering),
-            None => self.station.rest(State::Idle),
+            None => self.station.rest(MotionState::Idle),
         };
         assert_eq!(self.station.take_fault(), None, "within the limits");
-        if matches!(step.state, State::Done | State::Stopped) && self.steering.take().is_some() {
+        if matches!(step.state, MotionState::Done | MotionState::Stopped) && self.steering.take().is_some() {
             self.station.end();
         }
         let setpoint = Setpoint {
@@ -137,9 +137,9 @@ impl Core {
             index_axis: self.index.1,
             ..Setpoint::default()
         };
-        let expected = Command {
+        let expected = DriveSetpoint {
             switches_expected: self.homing.expected_limits(),
-            ..Command::of(&setpoint)
+            ..DriveSetpoint::of(&setpoint)
         };
         let presence = self.watch.step(now_ns, &expected, feedback).expect("no alarm");
         self.is_operational = presence == Presence::Operational;

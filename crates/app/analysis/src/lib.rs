@@ -5,7 +5,7 @@
 //! | [`LimitClassifier`] | a setpoint, its feed word | the active limit |
 //! | [`FeedWords`] | a program | the feed word of each block |
 //! | [`LineExplainer`] | the setpoints of a plan | why a line is slow, and what would help, measured |
-//! | [`NeededRate`], [`LongestStop`] | the setpoints of a plan | the required control rate; the longest hold |
+//! | [`NeededRate`], [`LongestStopReport`] | the setpoints of a plan | the required control rate; the longest hold |
 //! | [`PlanFigure`] | the setpoints of a plan | path and axes over time, as SVG |
 //! | [`RateReport`], [`ChordQuestion`] | limits of a machine | the rational control rate; chord and chord error |
 //! | [`BoreProgram`] | a hole and a tool | a part program along involutes, and its comparison with other paths |
@@ -78,7 +78,7 @@ pub use feed_words::FeedWords;
 pub use figure::PlanFigure;
 pub use limiting::{LimitClassifier, Limiting, Order, Shares};
 pub use load_setup::load_setup;
-pub use longest_stop::LongestStop;
+pub use longest_stop::LongestStopReport;
 pub use needed_rate::NeededRate;
 pub use process::{install_process_file, read_adaptive, read_process, sort_process_files};
 pub use rate::{ChordPoint, ChordQuestion, ChordQuestionError, RateReport};

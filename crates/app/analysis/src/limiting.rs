@@ -5,7 +5,7 @@
 //! of the permitted chord error that it aims at.
 
 use evolvent_machine::{Machine, chord_feed_limit_mm_s};
-use evolvent_motion::{Setpoint, State, flags};
+use evolvent_motion::{MotionState, Setpoint, flags};
 use evolvent_path::AxisLetter;
 
 /// Fraction of a limit at which it counts as active.
@@ -207,7 +207,12 @@ impl LimitClassifier {
             .axes
             .iter()
             .all(|axis| axis[0] <= STANDING && axis[1] <= STANDING);
-        if still || matches!(setpoint.state, State::Dwell | State::ProgramStop | State::Held) {
+        if still
+            || matches!(
+                setpoint.state,
+                MotionState::Dwell | MotionState::ProgramStop | MotionState::Held
+            )
+        {
             return Limiting::Standing;
         }
         if shares.feed_ratio >= REACHED {
@@ -281,7 +286,7 @@ pub(crate) mod tests {
             feed_override: 1.0,
             line: 1,
             block: 0,
-            state: State::Running,
+            state: MotionState::Running,
             flags: 0,
             actions: 0,
         }
@@ -381,7 +386,7 @@ pub(crate) mod tests {
         assert_eq!(limiting(&joint, Some(10.0)), Limiting::Feed);
         let mut rest = moving([0.0; 3], [0.0; 3], [0.0; 3]);
         assert_eq!(limiting(&rest, Some(100.0)), Limiting::Standing);
-        rest.state = State::Dwell;
+        rest.state = MotionState::Dwell;
         assert_eq!(limiting(&rest, None), Limiting::Standing);
     }
 

@@ -6,7 +6,7 @@ use serde::Serialize;
 /// The feed hold with the longest stopping distance. Absent for the classic planner, whose holds have
 /// separate profiles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct LongestStop {
+pub struct LongestStopReport {
     /// Stopping distance along the path.
     pub longest_stop_mm: Option<f64>,
     /// Stopping time.
@@ -17,7 +17,7 @@ pub struct LongestStop {
     pub longest_stop_at_s: Option<f64>,
 }
 
-impl LongestStop {
+impl LongestStopReport {
     /// Evaluates setpoints, with the control period in s.
     #[must_use]
     pub fn new(stops: Option<&StoppingDistance>, period_s: f64) -> Self {

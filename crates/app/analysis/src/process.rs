@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use evolvent_config::ConfigDocument;
 use evolvent_runtime::{Clock, Setup};
-use evolvent_turning::{AdaptiveSettings, Job};
+use evolvent_turning::{AdaptiveSettings, TurningJob};
 use serde::de::IgnoredAny;
 
 use crate::error::AnalysisError;
@@ -15,9 +15,10 @@ use crate::user_file::read_text;
 ///
 /// # Errors
 /// An unreadable or invalid file.
-pub fn read_process(file: &Path) -> Result<Job, AnalysisError> {
+pub fn read_process(file: &Path) -> Result<TurningJob, AnalysisError> {
     let text = read_text(file, "process file")?;
-    Job::parse(&text, &file.display().to_string()).map_err(|error| AnalysisError::Input(error.to_string()))
+    TurningJob::parse(&text, &file.display().to_string())
+        .map_err(|error| AnalysisError::Input(error.to_string()))
 }
 
 /// Adds a process file to the setup of a machine that moves.
@@ -35,7 +36,7 @@ pub fn install_process_file(setup: &mut Setup, file: &Path, clock: Clock) -> Res
 /// A machine without load measurement, or a process without stock with the virtual clock.
 pub(crate) fn install_process(
     setup: &mut Setup,
-    job: Job,
+    job: TurningJob,
     name: &str,
     clock: Clock,
 ) -> Result<(), AnalysisError> {

@@ -18,7 +18,7 @@ use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
 use evolvent_config::plain;
 use evolvent_machine::{HomingMethod, HomingSettings, Machine, SignalKind};
 use evolvent_runtime::{InputScript, RealtimeRequest, apply_to_this_thread};
-use evolvent_turning::{Job as TurningJob, SimulatedProcess};
+use evolvent_turning::{SimulatedProcess, TurningJob};
 use serde_json::{Value, json};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 

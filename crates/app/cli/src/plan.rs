@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use evolvent_analysis::{
-    ChatterWarnings, Explanation, FeedWords, LimitClassifier, LineExplainer, LongestStop, NeededRate,
+    ChatterWarnings, Explanation, FeedWords, LimitClassifier, LineExplainer, LongestStopReport, NeededRate,
     PlanFigure, chatter_warnings, sort_process_files,
 };
 use evolvent_config::{OutputFile, check_outputs, write_whole};
@@ -142,7 +142,7 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     }
     let is_whole = outcome.program.is_ok() && outcome.fault.is_none();
     let explanation = explainer.map(|explainer| explainer.finish(&job, is_whole));
-    let stop = LongestStop::new(stops.as_ref(), period_s);
+    let stop = LongestStopReport::new(stops.as_ref(), period_s);
     let findings = Findings {
         needed,
         stop,
@@ -155,7 +155,7 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
 /// Results besides the summary.
 struct Findings {
     needed: NeededRate,
-    stop: LongestStop,
+    stop: LongestStopReport,
     explanation: Option<Explanation>,
     chatter: Option<ChatterWarnings>,
 }
@@ -198,7 +198,7 @@ impl Findings {
 fn merge(
     summary: &evolvent_runtime::Summary,
     needed: &NeededRate,
-    stop: &LongestStop,
+    stop: &LongestStopReport,
     explanation: Option<&Explanation>,
     chatter: Option<&ChatterWarnings>,
 ) -> serde_json::Result<String> {

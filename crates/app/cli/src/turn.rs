@@ -136,7 +136,7 @@ pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
 
 #[cfg(test)]
 mod tests {
-    use evolvent_turning::Job;
+    use evolvent_turning::TurningJob;
 
     use super::*;
 
@@ -315,7 +315,7 @@ mod tests {
         let to = good.find("[load]").unwrap();
         let text =
             format!("{}\nname = \"40X-R1\"\n\n{}", &good[..from], &good[to..]).replace("500.0", "300.0");
-        let job = Job::parse(&text, "job.toml").unwrap();
+        let job = TurningJob::parse(&text, "job.toml").unwrap();
         assert!(job.law_misfit > 0.0 && job.law_misfit < 0.1, "{}", job.law_misfit);
         assert!(job.settings.regime.law.depth_exponent > 0.8 && job.settings.regime.law.depth_exponent < 0.9);
     }

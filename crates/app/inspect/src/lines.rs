@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use evolvent_analysis::{LimitClassifier, Limiting};
 use evolvent_machine::Machine;
-use evolvent_motion::{Setpoint, State};
+use evolvent_motion::{MotionState, Setpoint};
 use evolvent_path::Axes;
 use evolvent_trace::CycleRecord;
 
@@ -122,7 +122,7 @@ impl LineTimes {
             line: record.line,
             block: 0,
             // Axes at rest in a dwell or a hold have no velocity either.
-            state: State::Running,
+            state: MotionState::Running,
             flags: record.flags,
             actions: 0,
         };

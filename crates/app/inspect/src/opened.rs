@@ -9,7 +9,7 @@ use evolvent_machine::{Machine, PlannerKind, ToolChange, WithoutToolTable};
 use evolvent_path::AxisMask;
 use evolvent_runtime::{ProgramMemory, Setup, TABLES};
 use evolvent_trace::{ReadError, RunInfo, TraceFile};
-use evolvent_turning::Job as TurningJob;
+use evolvent_turning::TurningJob;
 
 /// Why a trace cannot be examined.
 #[derive(Debug, thiserror::Error)]

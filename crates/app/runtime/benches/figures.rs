@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use evolvent_gcode::{Action, Command, Interpreter};
+use evolvent_gcode::{Action, CanonicalCommand, Interpreter};
 use evolvent_machine::{ControlRate, Machine, PlannerKind};
 use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlanProducer, plan_queue};
 use evolvent_planner::Planner;
@@ -36,7 +36,7 @@ fn setup(machine: &str, rate: Option<ControlRate>) -> Setup {
 
 /// A planner that plans on request, for a program that the caller drives step by step.
 struct Ahead {
-    commands: Box<dyn Iterator<Item = Command>>,
+    commands: Box<dyn Iterator<Item = CanonicalCommand>>,
     planner: Planner<PlanProducer<fn() -> bool>>,
     block: u32,
     ended: bool,

@@ -13,7 +13,7 @@
 
 use std::path::Path;
 
-use evolvent_motion::{Setpoint, State};
+use evolvent_motion::{MotionState, Setpoint};
 use evolvent_path::Axes;
 use evolvent_random::Random;
 use evolvent_runtime::Setup;
@@ -39,7 +39,7 @@ fn main() {
     let samples = Driven::new(program, &setup, SAMPLE_NS).whole();
     let plain = Driven::new(program, &setup, setup.period_ns).whole();
     let moving: Vec<usize> = (1..plain.len())
-        .filter(|&k| plain[k - 1].feed_mm_s > 0.0 && plain[k - 1].state == State::Running)
+        .filter(|&k| plain[k - 1].feed_mm_s > 0.0 && plain[k - 1].state == MotionState::Running)
         .collect();
     let mut random = Random::from_state(seed.parse().expect("a seed"));
     for number in 0..count.parse().expect("a number of holds") {

@@ -6,7 +6,7 @@ use std::io::Read;
 use std::path::Path;
 
 use evolvent_config::open_regular;
-use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, Origin, Settings};
+use evolvent_gcode::{Action, CanonicalCommand, Code, Diagnostic, Interpreter, Move, Origin, Settings};
 use evolvent_machine::Limits;
 use evolvent_motion::ProbeMove;
 use evolvent_path::{AXES, AxisLetter, AxisMask, Curve};
@@ -56,7 +56,7 @@ impl std::fmt::Display for Warning {
 }
 
 impl Warning {
-    fn of(command: &Command, message: String) -> Self {
+    fn of(command: &CanonicalCommand, message: String) -> Self {
         let origin = command.origin.as_ref();
         Self {
             file: origin.map(|origin| origin.file.to_string()),
@@ -215,7 +215,7 @@ impl<'a> ProgramCheck<'a> {
     }
 
     /// Checks a command whose text is correct.
-    fn command(&mut self, command: &Command, go_on: &mut impl FnMut() -> bool) -> CheckStep {
+    fn command(&mut self, command: &CanonicalCommand, go_on: &mut impl FnMut() -> bool) -> CheckStep {
         self.count(command);
         if let Some(bound) = self.bound_reached() {
             return self.end_at(self.farthest, bound);
@@ -285,20 +285,20 @@ impl<'a> ProgramCheck<'a> {
         }
     }
 
-    fn warn(&mut self, command: &Command, text: String, is_assumed: bool) {
+    fn warn(&mut self, command: &CanonicalCommand, text: String, is_assumed: bool) {
         let (origin, line) = place_of(command);
         if self.warned.insert((origin, line, is_assumed)) {
             self.checked.warnings.push(Warning::of(command, text));
         }
     }
 
-    fn warn_of_feed(&mut self, command: &Command, feed: Option<(f64, f64)>) {
+    fn warn_of_feed(&mut self, command: &CanonicalCommand, feed: Option<(f64, f64)>) {
         if let Some(text) = self.unlikely_feed.warning(command, feed) {
             self.warn(command, text, false);
         }
     }
 
-    fn count(&mut self, command: &Command) {
+    fn count(&mut self, command: &CanonicalCommand) {
         self.commands += 1;
         self.round += 1;
         if command.line > self.farthest {
@@ -420,7 +420,7 @@ impl<'a> ProgramCheck<'a> {
 }
 
 /// The file and line of a command. A subroutine's line is the same for every caller.
-fn place_of(command: &Command) -> (Option<Origin>, u32) {
+fn place_of(command: &CanonicalCommand) -> (Option<Origin>, u32) {
     match &command.origin {
         Some(origin) => (Some(origin.clone()), 0),
         None => (None, command.line),

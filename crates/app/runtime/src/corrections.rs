@@ -2,7 +2,7 @@
 
 use evolvent_compensation::Compensation;
 use evolvent_machine::{Limits, Machine, SignalKind};
-use evolvent_motion::{Guard, Setpoint, State, Violation, flags};
+use evolvent_motion::{Guard, MotionState, Setpoint, Violation, flags};
 use evolvent_path::{AXES, Axes, Jet};
 use evolvent_signals::InputImage;
 
@@ -76,7 +76,7 @@ impl Corrections {
         });
         let is_joint = is_new || setpoint.flags & flags::JOINT != 0;
         // A stop of each axis on its own after a fault has its own limits.
-        let is_stopping = matches!(setpoint.state, State::Fault | State::Stopping);
+        let is_stopping = matches!(setpoint.state, MotionState::Fault | MotionState::Stopping);
         if let Err(violation) = self.guard.check(&corrected.position, is_joint, is_stopping) {
             self.fault.get_or_insert(violation);
         }

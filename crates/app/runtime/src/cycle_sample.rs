@@ -1,6 +1,6 @@
 //! Cycles on their way to the trace.
 
-use evolvent_motion::{Inputs, PathExecutor, Setpoint, State};
+use evolvent_motion::{Inputs, MotionState, PathExecutor, Setpoint};
 use evolvent_path::AXES;
 use evolvent_trace::{CycleRecord, PhaseRecord, inputs as recorded};
 use evolvent_turning::Transition;
@@ -57,7 +57,8 @@ impl CycleSample {
 
     /// Number of blocks begun; 0 if nothing moves.
     pub(crate) fn blocks_begun(&self) -> u32 {
-        let still = [State::Idle, State::Dwell, State::ProgramStop].map(|state| state as u8);
+        let still =
+            [MotionState::Idle, MotionState::Dwell, MotionState::ProgramStop].map(|state| state as u8);
         if still.contains(&self.record.state) {
             0
         } else {

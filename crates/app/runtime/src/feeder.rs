@@ -13,7 +13,7 @@ use std::path::Path;
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use evolvent_gcode::{Action, Command, Diagnostic, MoveKind, SPINDLES};
+use evolvent_gcode::{Action, CanonicalCommand, Diagnostic, MoveKind, SPINDLES};
 use evolvent_motion::{ProbingSender, ProcessSender, QueueClosed};
 use evolvent_planner::{PlanError, PlanSink};
 use evolvent_signals::Scheduler;
@@ -329,7 +329,11 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
 
     /// Before a feed move, waits for a commanded spindle speed, and after a rapid for the surface speed at
     /// the new radius.
-    fn wait_for_spindle(&mut self, command: &Command, program: &Path) -> Result<Waited, ProgramError> {
+    fn wait_for_spindle(
+        &mut self,
+        command: &CanonicalCommand,
+        program: &Path,
+    ) -> Result<Waited, ProgramError> {
         let is_feed = match &command.action {
             Action::Move(motion) => motion.kind == MoveKind::Feed,
             Action::Turning(_) => true,
@@ -368,7 +372,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     }
 
     /// The machine's objection to a command, independent of the position.
-    fn objection_to(&self, command: &Command, program: &Path) -> Option<Diagnostic> {
+    fn objection_to(&self, command: &CanonicalCommand, program: &Path) -> Option<Diagnostic> {
         if let Some((message, help)) = signal_objection(&self.setup.machine.signals, &command.action) {
             return Some(at_origin(command, program, |file, line| {
                 about_line_with(message, Some(help), file, line)
@@ -388,7 +392,13 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     }
 
     /// The error of a command that the machine has not carried out.
-    fn refused(&self, command: &Command, program: &Path, message: String, help: String) -> ProgramError {
+    fn refused(
+        &self,
+        command: &CanonicalCommand,
+        program: &Path,
+        message: String,
+        help: String,
+    ) -> ProgramError {
         ProgramError::Text {
             file: self.file.clone(),
             diagnostic: Box::new(at_origin(command, program, |file, line| {
@@ -398,7 +408,12 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     }
 
     /// The error of a command that the planner has rejected.
-    fn not_planned(&self, error: &PlanError<QueueClosed>, command: &Command, program: &Path) -> ProgramError {
+    fn not_planned(
+        &self,
+        error: &PlanError<QueueClosed>,
+        command: &CanonicalCommand,
+        program: &Path,
+    ) -> ProgramError {
         self.wrong(match error {
             // The planner lags behind the line that is being read.
             PlanError::NoMotion { .. } => explain(error, program, command.line),
@@ -505,7 +520,7 @@ mod tests {
                 path_mode: PathMode::ExactPath,
             };
             let action = Action::Move(motion);
-            let command = Command {
+            let command = CanonicalCommand {
                 line: k,
                 action,
                 origin: None,

@@ -11,7 +11,7 @@ use evolvent_machine::{
 };
 use evolvent_path::{AXES, Axes, AxisMask, Plane};
 use evolvent_planner::{PathLimits, PathRules};
-use evolvent_turning::Job as TurningJob;
+use evolvent_turning::TurningJob;
 
 use crate::check::Warning;
 use crate::input_script::InputScript;

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::mpsc::Receiver;
 
 use evolvent_drive::PowerRequest;
-use evolvent_motion::State;
+use evolvent_motion::MotionState;
 
 use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
@@ -103,8 +103,8 @@ impl PeripheryTrack {
                 program.ahead.pop_front();
             }
         }
-        let is_stopped = due.is_of_program && due.setpoint.state == State::Stopped;
-        let is_over = is_stopped || due.setpoint.state == State::Fault;
+        let is_stopped = due.is_of_program && due.setpoint.state == MotionState::Stopped;
+        let is_over = is_stopped || due.setpoint.state == MotionState::Fault;
         if is_over || due.drive.power != PowerRequest::On {
             self.now.switch_off();
         }
@@ -123,7 +123,7 @@ mod tests {
     use super::*;
     use crate::due_setpoint::DriveRequest;
 
-    fn due(sequence: u64, job: u64, actions: u32, state: State) -> DueSetpoint {
+    fn due(sequence: u64, job: u64, actions: u32, state: MotionState) -> DueSetpoint {
         let setpoint = Setpoint {
             sequence,
             actions,
@@ -147,7 +147,7 @@ mod tests {
             job,
             spindle_overrides: [1.0; SPINDLES],
             override_off_mask: 0,
-            is_of_program: state != State::Idle,
+            is_of_program: state != MotionState::Idle,
         }
     }
 
@@ -184,26 +184,29 @@ mod tests {
         orders.send(PeripheryOrder::Program { job: 2, planned }).unwrap();
         second.send((31, spindle(3100.0))).unwrap();
         let speed = |track: &PeripheryTrack| track.now().outputs.spindle(0).constant_rpm();
-        assert!(!track.follow(&due(10, 1, 0, State::Running)), "the tool is known");
-        assert!(track.follow(&due(11, 1, 1, State::Running)));
+        assert!(
+            !track.follow(&due(10, 1, 0, MotionState::Running)),
+            "the tool is known"
+        );
+        assert!(track.follow(&due(11, 1, 1, MotionState::Running)));
         assert_eq!(speed(&track), 100.0);
         assert!(
-            track.follow(&due(12, 1, 1, State::Stopped)),
+            track.follow(&due(12, 1, 1, MotionState::Stopped)),
             "a stop switches off"
         );
-        track.follow(&due(13, 1, 1, State::Idle));
+        track.follow(&due(13, 1, 1, MotionState::Idle));
         assert_eq!((speed(&track), track.now().tool), (0.0, 4));
         // Whatever number the second program begins with, pending changes of the first are discarded.
-        track.follow(&due(14, 2, 31, State::Running));
+        track.follow(&due(14, 2, 31, MotionState::Running));
         assert_eq!(speed(&track), 0.0);
-        track.follow(&due(15, 2, 32, State::Running));
+        track.follow(&due(15, 2, 32, MotionState::Running));
         assert_eq!(speed(&track), 3100.0);
         // A jog that is stopped is not a program.
-        let mut jogged = due(16, 2, 32, State::Stopped);
+        let mut jogged = due(16, 2, 32, MotionState::Stopped);
         jogged.is_of_program = false;
         track.follow(&jogged);
         assert_eq!(speed(&track), 3100.0);
-        let mut without_power = due(17, 2, 32, State::Running);
+        let mut without_power = due(17, 2, 32, MotionState::Running);
         without_power.drive = DriveRequest::OFF;
         assert!(track.follow(&without_power));
         assert_eq!(speed(&track), 0.0);

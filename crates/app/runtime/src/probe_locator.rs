@@ -177,7 +177,7 @@ fn interpolate(samples: &VecDeque<Sample>, time_ns: u64) -> Option<[f64; AXES]> 
 #[cfg(test)]
 mod tests {
     use evolvent_gcode::SPINDLES;
-    use evolvent_motion::{Setpoint, State};
+    use evolvent_motion::{MotionState, Setpoint};
     use evolvent_path::{Axes, Jet};
 
     use super::*;
@@ -259,7 +259,7 @@ mod tests {
                     feed_override: 1.0,
                     line: 0,
                     block: 0,
-                    state: State::Running,
+                    state: MotionState::Running,
                     flags: 0,
                     actions: 0,
                 },

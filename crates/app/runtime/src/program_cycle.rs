@@ -5,7 +5,7 @@ use std::sync::Arc;
 use evolvent_control::Alarm;
 use evolvent_drive::DriveAlarm;
 use evolvent_gcode::SPINDLES;
-use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, Setpoint, State, flags};
+use evolvent_motion::{Inputs, MotionState, PathExecutor, PlanConsumer, Setpoint, flags};
 use evolvent_path::Jet;
 use evolvent_trace::inputs as recorded;
 use evolvent_turning::{
@@ -203,7 +203,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             turning,
             cut,
         });
-        let stands = setpoint.state == State::ProgramStop;
+        let stands = setpoint.state == MotionState::ProgramStop;
         let next = self.commands.as_ref().and_then(|commands| commands.peek().ok());
         let at_command = stands && next.is_some_and(|action| action + 1 == setpoint.actions);
         let at_wait = self.signals.as_ref().is_some_and(SignalLoop::is_waiting);
@@ -283,7 +283,7 @@ impl<F> ProgramCycle<F> {
             let _behind = commands.pop();
         }
         let next = *commands.peek().ok()?;
-        (last.state == State::ProgramStop && next + 1 == last.actions).then_some(next)
+        (last.state == MotionState::ProgramStop && next + 1 == last.actions).then_some(next)
     }
 
     /// Applies inputs of the machine: its emergency-stop chain, and waits that are over. Returns whether the
@@ -308,7 +308,7 @@ impl<F> ProgramCycle<F> {
         inputs.stop |= self.now.estopped || self.now.spindle_trouble.is_some();
         if signals.is_over() {
             let (motion, queue) = (&self.motion, &mut self.queue);
-            if !self.is_realtime && motion.state() == State::ProgramStop && !inputs.stop {
+            if !self.is_realtime && motion.state() == MotionState::ProgramStop && !inputs.stop {
                 // The planner continues with the result: the motion must not depend on the planner's speed.
                 wait_until(|| motion.can_leave_wait(queue) || queue.is_abandoned());
             }
@@ -326,7 +326,7 @@ impl<F> ProgramCycle<F> {
             inputs.resume = !resumed && self.controls.is_command_done(action);
         } else if !self.stops_at_program_stops {
             // Decided in the cycle, so that a run with the virtual clock always takes the same cycles.
-            inputs.resume = !resumed && self.motion.state() == State::ProgramStop;
+            inputs.resume = !resumed && self.motion.state() == MotionState::ProgramStop;
             self.now.program_stops_passed += u64::from(inputs.resume);
         }
         self.now.resumed = inputs.resume;
@@ -340,7 +340,7 @@ impl<F> ProgramCycle<F> {
             return;
         };
         let last = self.now.last.as_ref();
-        let feeds = last.is_some_and(|last| last.state == State::Running) && !self.motion.is_rapid();
+        let feeds = last.is_some_and(|last| last.state == MotionState::Running) && !self.motion.is_rapid();
         let driven = self.motion.feed_factor();
         let driven = driven.or(last.map(|last| last.feed_override)).unwrap_or_default();
         let output = adaptive.step(inputs.load, driven, feeds && counts);
@@ -366,8 +366,8 @@ impl<F> ProgramCycle<F> {
 
     /// Notes faults that occurred with this setpoint.
     fn note_faults(&mut self, setpoint: &mut Setpoint) {
-        if setpoint.state == State::Done && self.controls.has_program_failed() {
-            setpoint.state = State::Stopped;
+        if setpoint.state == MotionState::Done && self.controls.has_program_failed() {
+            setpoint.state = MotionState::Stopped;
             self.now.program_failed = true;
             self.controls.raise(Alarm::Program);
         }
@@ -378,7 +378,7 @@ impl<F> ProgramCycle<F> {
             self.controls.raise(turning_alarm(&reason));
         }
         if self.motion.is_stuck(&mut self.queue) {
-            setpoint.state = State::Fault;
+            setpoint.state = MotionState::Fault;
             setpoint.flags |= flags::LAST;
             self.now.planner_died = true;
             self.controls.raise(Alarm::Planner);
@@ -479,7 +479,7 @@ mod tests {
         });
         let (planner_died, last) = receiver.recv_timeout(Duration::from_secs(60)).unwrap();
         assert!(planner_died);
-        assert_eq!(last.state, State::Fault);
+        assert_eq!(last.state, MotionState::Fault);
         assert_eq!(last.position, Axes::zeros());
         assert_eq!(controls.alarm(), Alarm::Planner.number());
     }

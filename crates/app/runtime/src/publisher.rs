@@ -7,7 +7,7 @@ use std::sync::mpsc::{self, Receiver, Sender};
 
 use evolvent_bus::{BusError, CoreBus};
 use evolvent_drive::PowerRequest;
-use evolvent_motion::State;
+use evolvent_motion::MotionState;
 use rtrb::Consumer;
 
 use crate::due_setpoint::DueSetpoint;
@@ -132,7 +132,7 @@ impl<S: StatusSource> Publisher<S> {
         self.override_off_mask = due.override_off_mask;
         self.spindles
             .follow(outputs, x_mm, &due.spindle_overrides, is_switched);
-        if due.setpoint.state == State::Fault || due.drive.power != PowerRequest::On {
+        if due.setpoint.state == MotionState::Fault || due.drive.power != PowerRequest::On {
             self.spindles.end_ramps();
         }
         self.publishing

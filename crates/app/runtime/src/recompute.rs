@@ -10,7 +10,7 @@ use std::thread;
 use std::time::Duration;
 
 use evolvent_motion::{
-    Extremes, Inputs, PathExecutor, PlanConsumer, PlannerLag, Setpoint, State, flags, plan_queue,
+    Extremes, Inputs, MotionState, PathExecutor, PlanConsumer, PlannerLag, Setpoint, flags, plan_queue,
 };
 use evolvent_path::Jet;
 use evolvent_signals::{InputImage, OutputImage, Phase, ScheduleConsumer, Signals, schedule};
@@ -53,7 +53,7 @@ pub struct Recomputed {
     /// Number of setpoints computed.
     pub cycles: u64,
     /// The state of the last setpoint.
-    pub state: State,
+    pub state: MotionState,
     /// The error of the program, if any; it was planned up to there.
     pub program: Result<(), ProgramError>,
     /// Largest distance of blends from the programmed path, mm.
@@ -169,14 +169,14 @@ struct CycleReplay<'a> {
     runs_on: bool,
     last: Option<Setpoint>,
     cycles: u64,
-    state: State,
+    state: MotionState,
     outputs: Vec<SignalChange>,
 }
 
 /// Result of the recomputed cycles.
 struct CyclesEnded {
     count: u64,
-    state: State,
+    state: MotionState,
     extremes: Extremes,
     outputs: Vec<SignalChange>,
 }
@@ -209,7 +209,7 @@ impl<'a> CycleReplay<'a> {
             runs_on: false,
             last: None,
             cycles: 0,
-            state: State::Idle,
+            state: MotionState::Idle,
             outputs: Vec::new(),
         }
     }
@@ -239,12 +239,12 @@ impl<'a> CycleReplay<'a> {
         if at_wait && inputs.resume && self.motion.plan_step() != before {
             let _was_over = self.signals.take_resume();
         }
-        if setpoint.state == State::Done && failed.load(Ordering::Acquire) {
-            setpoint.state = State::Stopped;
+        if setpoint.state == MotionState::Done && failed.load(Ordering::Acquire) {
+            setpoint.state = MotionState::Stopped;
         }
         self.is_stuck = self.motion.is_stuck(&mut self.queue);
         if self.is_stuck {
-            setpoint.state = State::Fault;
+            setpoint.state = MotionState::Fault;
         }
         self.step_outputs(&setpoint);
         self.leave(setpoint, runs_on)

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use evolvent_machine::{Limits, Machine};
 use evolvent_motion::{
-    DrivenPath, Excursion, ExcursionEnd, Inputs, MachineState, Setpoint, State, TransferExecutor,
+    DrivenPath, Excursion, ExcursionEnd, Inputs, MotionState, Setpoint, SetpointGenerator, TransferExecutor,
 };
 use evolvent_path::{Axes, Jet};
 use evolvent_transfer::TransferError;
@@ -43,7 +43,7 @@ pub enum ServedError {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Moved {
     /// Nothing, or each axis was stopping on its own; with the recorded state.
-    ByNothing(State),
+    ByNothing(MotionState),
     /// A job along a plan.
     ByPlan(RecordedInputs),
     /// A job along a plan is held, and the axes are away from it.
@@ -71,7 +71,7 @@ enum ActiveJob {
 
 /// A served machine, recomputed setpoint by setpoint.
 pub struct ServedAgain {
-    station: MachineState,
+    station: SetpointGenerator,
     limits: Limits,
     period_ns: u64,
     work: ActiveJob,
@@ -92,7 +92,7 @@ impl ServedAgain {
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64) -> Self {
         Self {
-            station: MachineState::new(limits, period_ns, limits.home),
+            station: SetpointGenerator::new(limits, period_ns, limits.home),
             limits,
             period_ns,
             work: ActiveJob::None,
@@ -339,8 +339,8 @@ impl ServedAgain {
                 self.station.follow(&job.motion, &setpoint);
                 let is_over = job.motion.is_over() || job.motion.is_stuck(&mut job.queue);
                 let mut shown = setpoint;
-                if shown.state == State::Done && job.flags.has_failed() {
-                    shown.state = State::Stopped;
+                if shown.state == MotionState::Done && job.flags.has_failed() {
+                    shown.state = MotionState::Stopped;
                 }
                 let has_changed = match &mut self.signals {
                     Some(signals) => signals.step(&shown, true),
@@ -359,7 +359,8 @@ impl ServedAgain {
                 }
                 self.station.set_override(feed_override);
                 let setpoint = self.station.steer(steering);
-                if matches!(setpoint.state, State::Done | State::Stopped) || self.station.is_quick_stopping()
+                if matches!(setpoint.state, MotionState::Done | MotionState::Stopped)
+                    || self.station.is_quick_stopping()
                 {
                     self.finish();
                 }

@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use evolvent_config::open_regular;
-use evolvent_gcode::{Code, Command, Diagnostic};
+use evolvent_gcode::{CanonicalCommand, Code, Diagnostic};
 use evolvent_planner::PlanError;
 
 /// Why a program cannot run to its end.
@@ -32,7 +32,7 @@ pub enum ProgramError {
 /// A diagnostic about a command's line. `build` receives file and line, which are those of a subroutine if
 /// the command comes from one. The diagnostic lists the calls that lead there.
 pub(crate) fn at_origin(
-    command: &Command,
+    command: &CanonicalCommand,
     program: &Path,
     build: impl FnOnce(&Path, u32) -> Diagnostic,
 ) -> Diagnostic {

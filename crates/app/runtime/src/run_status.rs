@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use evolvent_bus::{EventKind, Feedback, Setpoint, Status};
 use evolvent_machine::SignalSettings;
-use evolvent_motion::State;
+use evolvent_motion::MotionState;
 use evolvent_path::{AxisMask, angle_within_turn};
 
 use crate::drive_report::DriveReport;
@@ -29,7 +29,7 @@ pub(crate) struct RunStatus {
     status: Status,
     /// The last published setpoint.
     last: Setpoint,
-    state: State,
+    state: MotionState,
     has_started: bool,
     controls: Arc<Controls>,
     signals: SignalSettings,
@@ -59,7 +59,7 @@ impl RunStatus {
                 override_ratio: controls.feed_override(),
                 ..Setpoint::default()
             },
-            state: State::Idle,
+            state: MotionState::Idle,
             has_started: false,
             controls,
             signals: job.setup.machine.signals.clone(),

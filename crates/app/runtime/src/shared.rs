@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
-use evolvent_motion::{Inputs, Setpoint, State};
+use evolvent_motion::{Inputs, MotionState, Setpoint};
 use evolvent_turning::{AdaptiveSettings, LoadSample};
 
 use crate::drive_report::DriveReport;
@@ -57,7 +57,7 @@ impl Default for Gauges {
             path_mm: AtomicU64::new(0),
             feed_mm_s: AtomicU64::new(0),
             line: AtomicU32::new(0),
-            state: AtomicU32::new(State::Idle as u32),
+            state: AtomicU32::new(MotionState::Idle as u32),
             actions: AtomicU32::new(0),
             blocks: AtomicU32::new(0),
             resumes: AtomicU32::new(0),
@@ -230,7 +230,7 @@ impl Controls {
     }
 
     fn is_at_program_stop(&self) -> bool {
-        self.gauges.state.load(Ordering::Relaxed) == State::ProgramStop as u32
+        self.gauges.state.load(Ordering::Relaxed) == MotionState::ProgramStop as u32
             && !self.at_command.load(Ordering::Relaxed)
     }
 
@@ -252,7 +252,10 @@ impl Controls {
         self.gauges.line.store(setpoint.line, Ordering::Relaxed);
         self.gauges.state.store(setpoint.state as u32, Ordering::Relaxed);
         self.gauges.actions.store(setpoint.actions, Ordering::Relaxed);
-        if !matches!(setpoint.state, State::Idle | State::Dwell | State::ProgramStop) {
+        if !matches!(
+            setpoint.state,
+            MotionState::Idle | MotionState::Dwell | MotionState::ProgramStop
+        ) {
             self.gauges.blocks.store(setpoint.block + 1, Ordering::Relaxed);
         }
     }
@@ -269,7 +272,7 @@ impl Controls {
             at_command: self.at_command.load(Ordering::Relaxed),
             actions: self.gauges.actions.load(Ordering::Relaxed),
             blocks: self.gauges.blocks.load(Ordering::Relaxed),
-            has_ended: self.gauges.state.load(Ordering::Relaxed) == State::Done as u32,
+            has_ended: self.gauges.state.load(Ordering::Relaxed) == MotionState::Done as u32,
             resumes: self.gauges.resumes.load(Ordering::Relaxed),
         }
     }
@@ -312,7 +315,7 @@ mod tests {
         controls
             .gauges
             .state
-            .store(State::ProgramStop as u32, Ordering::Relaxed);
+            .store(MotionState::ProgramStop as u32, Ordering::Relaxed);
         assert!(!controls.inputs().resume, "the wish from before is forgotten");
         controls.resume();
         assert!(controls.inputs().resume);

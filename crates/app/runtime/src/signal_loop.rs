@@ -1,10 +1,10 @@
 //! Outputs and inputs in the loop of the cycle: receives samples, and sends changes to bus and trace.
 
 use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, SignalSettings};
-use evolvent_motion::{Setpoint, State};
+use evolvent_motion::{MotionState, Setpoint};
 use evolvent_path::AxisLetter;
 use evolvent_signals::{
-    Change, InputImage, OutputImage, OverrideSwitches, Phase, ProbeInput, ProbeState, Progress,
+    InputImage, OutputChange, OutputImage, OverrideSwitches, Phase, ProbeInput, ProbeState, Progress,
     ScheduleConsumer, Signals, SpindleAngle, SpindleInput, SpindleState, probe_numbers,
 };
 use rtrb::{Consumer, Producer};
@@ -286,7 +286,7 @@ impl SignalLoop {
     }
 
     /// Sets outputs by hand, from the next setpoint on.
-    pub(crate) fn set_by_hand(&mut self, change: &Change) {
+    pub(crate) fn set_by_hand(&mut self, change: &OutputChange) {
         self.signals.set_by_hand(change);
     }
 
@@ -584,12 +584,12 @@ impl ProgramProgress {
 }
 
 /// The phase of outputs while a program is in this state.
-pub(crate) fn phase_of(state: State) -> Phase {
+pub(crate) fn phase_of(state: MotionState) -> Phase {
     match state {
-        State::Held => Phase::Held,
-        State::Stopped => Phase::Stopped,
-        State::Done => Phase::Ended,
-        State::Fault => Phase::Fault,
+        MotionState::Held => Phase::Held,
+        MotionState::Stopped => Phase::Stopped,
+        MotionState::Done => Phase::Ended,
+        MotionState::Fault => Phase::Fault,
         _ => Phase::Runs,
     }
 }

@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, SignalKind, SignalSettings};
-use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, State};
+use evolvent_motion::{MotionState, PathExecutor, PlanConsumer, Setpoint};
 use evolvent_signals::{InputImage, OutputImage, Phase, ProbeInput, ScheduleConsumer, Signals, SpindleInput};
 
 use crate::recompute::wait_for_planner;
@@ -130,7 +130,7 @@ impl SignalReplay {
             }
         }
         // Outputs made safe by a fault do not depend on the program.
-        if !is_of_program || setpoint.state == State::Fault {
+        if !is_of_program || setpoint.state == MotionState::Fault {
             return has_changed;
         }
         let phase: Phase = phase_of(setpoint.state);

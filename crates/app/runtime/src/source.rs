@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use evolvent_config::open_regular;
-use evolvent_gcode::{Action, Command, Diagnostic, Interpreter, KeptParameters, Modal, Restart};
+use evolvent_gcode::{Action, CanonicalCommand, Diagnostic, Interpreter, KeptParameters, Modal, Restart};
 use evolvent_machine::{Machine, MachineKind, SignalKind, ToolChange};
 use evolvent_path::{Axes, AxisLetter};
 
@@ -53,7 +53,7 @@ fn output_text(action: &Action, machine: &Machine) -> Option<String> {
 #[derive(Debug)]
 pub struct Commands {
     interpreter: Interpreter<BufReader<File>>,
-    first: VecDeque<Command>,
+    first: VecDeque<CanonicalCommand>,
     start: Option<Start>,
 }
 
@@ -254,7 +254,7 @@ impl Commands {
 const RESULTS: [u32; 11] = [5061, 5062, 5063, 5064, 5065, 5066, 5067, 5068, 5069, 5070, 5399];
 
 impl Iterator for Commands {
-    type Item = Result<Command, Diagnostic>;
+    type Item = Result<CanonicalCommand, Diagnostic>;
 
     fn next(&mut self) -> Option<Self::Item> {
         match self.first.pop_front() {

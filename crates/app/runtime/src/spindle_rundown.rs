@@ -1,7 +1,7 @@
 //! The end of a run whose spindles have ramps: setpoints at rest continue until the ramps have ended at 0.
 
 use evolvent_machine::SignalSettings;
-use evolvent_motion::{Setpoint, State, flags};
+use evolvent_motion::{MotionState, Setpoint, flags};
 use evolvent_path::Axes;
 
 use crate::shared::Controls;
@@ -53,7 +53,7 @@ impl SpindleRundown {
     /// After a fault, and with an open emergency-stop chain, ramps end at once.
     pub(crate) fn follow(&mut self, setpoint: &mut Setpoint, controls: &Controls, is_estopped: bool) -> bool {
         let is_at_end = setpoint.flags & flags::LAST != 0
-            && matches!(setpoint.state, State::Done | State::Stopped)
+            && matches!(setpoint.state, MotionState::Done | MotionState::Stopped)
             && !is_estopped;
         self.is_running = false;
         if is_at_end && self.max_cycles > 0 {
@@ -102,7 +102,7 @@ mod tests {
         }
     }
 
-    fn last(sequence: u64, state: State) -> Setpoint {
+    fn last(sequence: u64, state: MotionState) -> Setpoint {
         Setpoint {
             sequence,
             position: Axes::zeros(),
@@ -122,7 +122,7 @@ mod tests {
 
     /// Number of setpoints until one keeps its flag; the publisher reports each of them `lag` setpoints
     /// later.
-    fn cycles(settings: &SignalSettings, state: State, turns_until: u64, lag: u64) -> u64 {
+    fn cycles(settings: &SignalSettings, state: MotionState, turns_until: u64, lag: u64) -> u64 {
         let controls = Controls::new(1.0);
         let mut rundown = SpindleRundown::new(settings, 1_000_000);
         let mut setpoint = last(100, state);
@@ -139,15 +139,15 @@ mod tests {
     #[test]
     fn a_run_waits_for_ramps_up_to_their_longest_time() {
         let ramp = settings(Some(1000.0));
-        assert_eq!(cycles(&ramp, State::Done, 700, 2), 603);
-        assert_eq!(cycles(&ramp, State::Stopped, 700, 2), 603);
+        assert_eq!(cycles(&ramp, MotionState::Done, 700, 2), 603);
+        assert_eq!(cycles(&ramp, MotionState::Stopped, 700, 2), 603);
         // Reports from before the end do not count.
-        assert_eq!(cycles(&ramp, State::Done, 0, 2), 3);
+        assert_eq!(cycles(&ramp, MotionState::Done, 0, 2), 3);
         // 3 s of ramp and half a second of margin.
-        assert_eq!(cycles(&ramp, State::Done, u64::MAX, 2), 3500);
-        assert_eq!(cycles(&ramp, State::Fault, 700, 2), 0);
-        assert_eq!(cycles(&settings(None), State::Done, 700, 2), 0);
+        assert_eq!(cycles(&ramp, MotionState::Done, u64::MAX, 2), 3500);
+        assert_eq!(cycles(&ramp, MotionState::Fault, 700, 2), 0);
+        assert_eq!(cycles(&settings(None), MotionState::Done, 700, 2), 0);
         let mut rundown = SpindleRundown::new(&ramp, 1_000_000);
-        assert!(!rundown.follow(&mut last(5, State::Stopped), &Controls::new(1.0), true));
+        assert!(!rundown.follow(&mut last(5, MotionState::Stopped), &Controls::new(1.0), true));
     }
 }

@@ -1,7 +1,7 @@
 //! The status of a run or of a served machine, and its publication.
 
 use evolvent_bus::{CoreBus, EventKind, Feedback, Status};
-use evolvent_motion::State;
+use evolvent_motion::MotionState;
 
 use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
@@ -69,13 +69,13 @@ impl StatusPort<'_> {
 }
 
 /// The event for a change from one state of motion to another.
-pub(crate) fn event_of(before: State, now: State) -> EventKind {
+pub(crate) fn event_of(before: MotionState, now: MotionState) -> EventKind {
     match (before, now) {
-        (_, State::Holding | State::Held) => EventKind::Hold,
-        (State::Holding | State::Held, State::Running) => EventKind::Resumed,
-        (_, State::Stopped) => EventKind::Stopped,
-        (_, State::Done) => EventKind::Done,
-        (_, State::Fault) => EventKind::Fault,
+        (_, MotionState::Holding | MotionState::Held) => EventKind::Hold,
+        (MotionState::Holding | MotionState::Held, MotionState::Running) => EventKind::Resumed,
+        (_, MotionState::Stopped) => EventKind::Stopped,
+        (_, MotionState::Done) => EventKind::Done,
+        (_, MotionState::Fault) => EventKind::Fault,
         _ => EventKind::StatusChanged,
     }
 }

@@ -163,7 +163,7 @@ mod tests {
 
     use super::*;
     use evolvent_gcode::SPINDLES;
-    use evolvent_motion::State;
+    use evolvent_motion::MotionState;
     use evolvent_path::AXES;
 
     const PERIOD_S: f64 = 0.001;
@@ -213,7 +213,7 @@ mod tests {
                 feed_override: 1.0,
                 line: 7,
                 block: 0,
-                state: State::Running,
+                state: MotionState::Running,
                 flags: 0,
                 actions: 0,
             });

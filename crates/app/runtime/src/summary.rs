@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use evolvent_machine::Machine;
-use evolvent_motion::{Extremes, State};
+use evolvent_motion::{Extremes, MotionState};
 use evolvent_trace::Histogram;
 use serde::{Serialize, Serializer};
 
@@ -82,10 +82,10 @@ impl Outcome {
     }
 
     /// The outcome for the state of the last setpoint.
-    pub(crate) const fn of(state: State) -> Self {
+    pub(crate) const fn of(state: MotionState) -> Self {
         match state {
-            State::Done => Self::Done,
-            State::Fault => Self::Fault,
+            MotionState::Done => Self::Done,
+            MotionState::Fault => Self::Fault,
             _ => Self::Stopped,
         }
     }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use evolvent_planner::{BlockMark, ExitSpeeds, PlanSink, Reply, Request, Segment, Step};
+use evolvent_planner::{BlockMark, ExitSpeeds, PlanSink, ReplanReply, ReplanRequest, Segment, Step};
 
 /// Passes the plan on, and sums the planned duration of each block.
 pub(crate) struct Tally<S> {
@@ -121,11 +121,11 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         self.sink.wait()
     }
 
-    fn request(&mut self) -> Option<Request> {
+    fn request(&mut self) -> Option<ReplanRequest> {
         self.sink.request()
     }
 
-    fn reply(&mut self, reply: Reply) {
+    fn reply(&mut self, reply: ReplanReply) {
         self.sink.reply(reply);
     }
 

@@ -3,7 +3,7 @@
 use std::convert::Infallible;
 use std::path::Path;
 
-use evolvent_gcode::{Action, Command, Diagnostic, Move, MoveKind, Outputs, PathMode};
+use evolvent_gcode::{Action, CanonicalCommand, Diagnostic, Move, MoveKind, Outputs, PathMode};
 use evolvent_machine::SpindleSettings;
 use evolvent_motion::{TapReturn, ThreadLeg, ThreadObjection, ThreadPass, ThreadResult, ThreadVerdict};
 use evolvent_path::{Axes, AxisLetter, Curve};
@@ -25,7 +25,7 @@ pub(crate) struct ThreadChain {
     start_degrees: f64,
     clear_x: Option<f64>,
     /// The command of the first piece.
-    first: Option<Command>,
+    first: Option<CanonicalCommand>,
     /// Retraction speed as a multiple of the speed in.
     return_factor: Option<f64>,
 }
@@ -42,7 +42,7 @@ impl ThreadChain {
     }
 
     /// Its first command.
-    pub(crate) fn first(&self) -> Option<&Command> {
+    pub(crate) fn first(&self) -> Option<&CanonicalCommand> {
         self.first.as_ref()
     }
 
@@ -59,7 +59,7 @@ impl ThreadChain {
 
     /// Adds a piece that continues the last one. Returns `false` if the command is not a piece or begins
     /// another pass.
-    pub(crate) fn take(&mut self, command: &Command) -> bool {
+    pub(crate) fn take(&mut self, command: &CanonicalCommand) -> bool {
         let (curve, pitch_mm) = match &command.action {
             Action::Thread {
                 spindle,
@@ -200,7 +200,11 @@ impl ThreadCheck {
 
     /// The machine's objection to the thread that ends before this command, with the first command of that
     /// thread.
-    pub(crate) fn observe(&mut self, command: &Command, setup: &Setup) -> Option<(Command, ThreadRefusal)> {
+    pub(crate) fn observe(
+        &mut self,
+        command: &CanonicalCommand,
+        setup: &Setup,
+    ) -> Option<(CanonicalCommand, ThreadRefusal)> {
         if self.chain.take(command) {
             return None;
         }

@@ -4,7 +4,7 @@ use evolvent_gcode::{TurningCycle, TurningKind};
 use evolvent_machine::Limits;
 use evolvent_path::AxisLetter;
 use evolvent_turning::{
-    Cone, CutEnd, CutFile, CutKind, Job, ScalarLimits, TurningController, TurningSettings,
+    Cone, CutEnd, CutFile, CutKind, ScalarLimits, TurningController, TurningJob, TurningSettings,
 };
 
 use crate::job::Setup;
@@ -114,7 +114,7 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
 /// the shoulder that the passes have left. It would meet material on the wall with its whole edge at once.
 /// The edge leaves the wall along itself, so the wall begins where contour and wall of the finished part
 /// intersect, with the contour raised by the allowance.
-fn allowance_at_wall(cycle: &TurningCycle, process: &Job, cone: Option<&Cone>) -> f64 {
+fn allowance_at_wall(cycle: &TurningCycle, process: &TurningJob, cone: Option<&Cone>) -> f64 {
     if process.cut.end == CutEnd::Open {
         return 0.0;
     }

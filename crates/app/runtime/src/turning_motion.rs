@@ -113,12 +113,12 @@ pub(crate) fn turning_fault(motion: &PathExecutor) -> Option<Reason> {
 mod tests {
     use evolvent_counting::calls;
     use evolvent_machine::Limits;
-    use evolvent_motion::{Inputs, State, plan_queue};
+    use evolvent_motion::{Inputs, MotionState, plan_queue};
     use evolvent_path::AXES;
     use evolvent_planner::{PlanSink, Step};
     use evolvent_turning::{
-        BackOff, Blank, CutLaw, Regime, RegimeInput, Sensor, SensorFault, SensorModel, Tool, TurningSettings,
-        Workpiece,
+        BackOff, Blank, CutLaw, CuttingEdge, Regime, RegimeInput, Sensor, SensorFault, SensorModel,
+        TurningSettings, Workpiece,
     };
 
     use super::*;
@@ -143,7 +143,7 @@ mod tests {
             depth_exponent: 1.0,
             feed_exponent: 0.75,
         };
-        let tool = Tool::new(60.0, 12.0).unwrap();
+        let tool = CuttingEdge::new(60.0, 12.0).unwrap();
         let input = RegimeInput {
             law,
             set_load: SET,
@@ -265,13 +265,13 @@ mod tests {
             let (state, fault) = (motion.state(), turning_fault(&motion));
             match scene {
                 Scene::HeldAndSlowed => {
-                    assert_eq!((state, fault), (State::Done, None));
-                    assert!(states.contains(&State::Held), "never held");
+                    assert_eq!((state, fault), (MotionState::Done, None));
+                    assert!(states.contains(&MotionState::Held), "never held");
                     assert!(piece.residual_mm() < 0.1, "{}", piece.residual_mm());
                 }
                 Scene::Overload => assert!(matches!(fault, Some(Reason::Overload { .. })), "{fault:?}"),
                 Scene::SensorLost => assert!(matches!(fault, Some(Reason::Sensor(_))), "{fault:?}"),
-                Scene::Stopped => assert_eq!((state, fault), (State::Stopped, None)),
+                Scene::Stopped => assert_eq!((state, fault), (MotionState::Stopped, None)),
             }
         }
     }

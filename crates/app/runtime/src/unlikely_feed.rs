@@ -1,6 +1,6 @@
 //! Warns once per program of a feed far above what the machine can do.
 
-use evolvent_gcode::{Action, Command, MoveKind};
+use evolvent_gcode::{Action, CanonicalCommand, MoveKind};
 use evolvent_machine::Limits;
 use evolvent_path::AxisLetter;
 
@@ -35,7 +35,7 @@ impl UnlikelyFeed {
     /// The warning for the first F word that is far above the speed in any direction of motion: a number that
     /// is too large or in another unit. `feed` is the word in force and its value in mm/s
     /// ([`evolvent_gcode::Interpreter::feed_per_minute`]).
-    pub(crate) fn warning(&mut self, command: &Command, feed: Option<(f64, f64)>) -> Option<String> {
+    pub(crate) fn warning(&mut self, command: &CanonicalCommand, feed: Option<(f64, f64)>) -> Option<String> {
         let (Some((word, linear_mm_s)), Action::Move(motion)) = (feed, &command.action) else {
             return None;
         };

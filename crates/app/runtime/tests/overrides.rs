@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use evolvent_machine::{Machine, PlannerKind};
-use evolvent_motion::{Setpoint, State};
+use evolvent_motion::{MotionState, Setpoint};
 use evolvent_replay::verify;
 use evolvent_runtime::{Controls, Job, Notice, Outcome, RunObserver, Setup, run};
 
@@ -91,14 +91,14 @@ fn a_hold_waits_until_it_counts_and_a_stop_does_not() {
     let program = "G21 G90 G94 F1200\nM53 P0\nG1 X20\nM53 P1\nX40\nM2\n";
     for planner in PLANNERS {
         let (setpoints, outcome) = drive(program, planner, |controls, setpoint| match setpoint.state {
-            State::Held => controls.set_hold(false),
+            MotionState::Held => controls.set_hold(false),
             _ if setpoint.position[0] > 5.0 && setpoint.position[0] < 20.0 => controls.set_hold(true),
             _ => {}
         });
         assert_eq!(outcome, Outcome::Done);
         let held = setpoints
             .iter()
-            .find(|setpoint| setpoint.state == State::Held)
+            .find(|setpoint| setpoint.state == MotionState::Held)
             .unwrap();
         assert!(held.position[0] > 20.0 && held.position[0] < 30.0, "{held:?}");
         let (setpoints, outcome) = drive(program, planner, |controls, setpoint| {
@@ -116,7 +116,7 @@ fn floating_taps_ignore_holds_and_overrides() {
     let program = "G21 G90 G94 F600 S400 M3\nG0 Z-10\nG84 X0 Z-30 R-12\nG80\nG1 X20\nM2\n";
     for planner in PLANNERS {
         let (setpoints, outcome) = drive(program, planner, |controls, setpoint| match setpoint.state {
-            State::Held => controls.set_hold(false),
+            MotionState::Held => controls.set_hold(false),
             _ if setpoint.position[2] < -15.0 => controls.set_hold(true),
             _ => {}
         });
@@ -124,7 +124,7 @@ fn floating_taps_ignore_holds_and_overrides() {
         let deep = setpoints.iter().filter(|setpoint| setpoint.position[2] < -14.0);
         assert!(
             deep.clone()
-                .all(|setpoint| setpoint.feed_override == 1.0 && setpoint.state != State::Held)
+                .all(|setpoint| setpoint.feed_override == 1.0 && setpoint.state != MotionState::Held)
         );
         let middle = deep.filter(|setpoint| (setpoint.position[2] + 21.0).abs() < 1.0);
         for setpoint in middle {
@@ -133,7 +133,11 @@ fn floating_taps_ignore_holds_and_overrides() {
                 "{planner:?}: {setpoint:?}"
             );
         }
-        assert!(setpoints.iter().any(|setpoint| setpoint.state == State::Held));
+        assert!(
+            setpoints
+                .iter()
+                .any(|setpoint| setpoint.state == MotionState::Held)
+        );
         assert!((feed_at(&setpoints, 12.0) - 5.0).abs() < 0.1);
     }
 }

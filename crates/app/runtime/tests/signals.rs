@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
 
 use evolvent_machine::{ControlRate, Machine, PlannerKind};
-use evolvent_motion::{Setpoint, State};
+use evolvent_motion::{MotionState, Setpoint};
 use evolvent_runtime::{
     Controls, InputScript, Job, Notice, Outcome, RunObserver, RunOutcome, Setup, SignalChange, run,
 };
@@ -330,10 +330,10 @@ fn a_run_with_signals_repeats_with_either_planner() {
 fn outputs_keep_their_rules_in_holds_stops_and_at_end() {
     let program = "G21 F3000\nM64 P0\nM64 P1\nM65 P2\nM68 E0 Q50\nG1 X100\nM2\n";
     let hold = |controls: &Controls, setpoint: &Setpoint| {
-        if setpoint.path_mm > 20.0 && setpoint.state == State::Running {
+        if setpoint.path_mm > 20.0 && setpoint.state == MotionState::Running {
             controls.set_hold(true);
         }
-        if setpoint.state == State::Held && setpoint.sequence.is_multiple_of(50) {
+        if setpoint.state == MotionState::Held && setpoint.sequence.is_multiple_of(50) {
             controls.set_hold(false);
             controls.set_override(0.999);
         }
@@ -348,7 +348,7 @@ fn outputs_keep_their_rules_in_holds_stops_and_at_end() {
         move |controls, setpoint| {
             if !once.load(std::sync::atomic::Ordering::Relaxed) {
                 hold(controls, setpoint);
-                if setpoint.state == State::Held && setpoint.sequence.is_multiple_of(50) {
+                if setpoint.state == MotionState::Held && setpoint.sequence.is_multiple_of(50) {
                     once.store(true, std::sync::atomic::Ordering::Relaxed);
                 }
             }
@@ -357,7 +357,7 @@ fn outputs_keep_their_rules_in_holds_stops_and_at_end() {
     let held: Vec<u64> = ran
         .setpoints
         .iter()
-        .filter(|setpoint| setpoint.state == State::Held)
+        .filter(|setpoint| setpoint.state == MotionState::Held)
         .map(|setpoint| setpoint.sequence)
         .collect();
     let (first, last) = (held[0], *held.last().unwrap());
@@ -403,7 +403,7 @@ fn an_open_chain_stops_and_makes_every_output_safe() {
         assert_eq!(ran.outcome.summary.alarm, Some(430), "{:?}", ran.outcome.summary);
         let last = ran.setpoints.last().unwrap();
         assert!(
-            last.position[0] < 50.0 && last.state == State::Stopped,
+            last.position[0] < 50.0 && last.state == MotionState::Stopped,
             "{last:?}"
         );
         for (code, safe) in [(0, 0.0), (2, 1.0), (64, 5.0)] {

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use evolvent_bus::{ClientBus, ClientConfig, MachineInputs, MachineOutputs, remove_private_domain};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_machine::{ControlRate, Machine};
-use evolvent_motion::State;
+use evolvent_motion::MotionState;
 use evolvent_runtime::{
     Clock, Controls, Job, MonotonicClock, Notice, Outcome, RunObserver, RunOutcome, Setup, StartError, run,
 };
@@ -205,7 +205,7 @@ fn an_open_chain_or_a_silent_bridge_stops_the_run() {
             let last = heard.outputs.last().unwrap();
             assert_eq!((last.digital & 1, last.analog[3]), (1, 0.0), "safe");
             // The bridge may have ended before the last setpoint.
-            let stops = [State::Stopping as u32, State::Stopped as u32];
+            let stops = [MotionState::Stopping as u32, MotionState::Stopped as u32];
             assert!(stops.contains(&heard.last.unwrap().state));
         }
     });

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use evolvent_machine::{Machine, PlannerKind};
-use evolvent_motion::{Setpoint, State};
+use evolvent_motion::{MotionState, Setpoint};
 use evolvent_replay::verify;
 use evolvent_runtime::{Controls, Job, Notice, Outcome, RunObserver, Setup, run};
 
@@ -58,7 +58,9 @@ fn facing_keeps_feed_per_revolution_as_speed_rises() {
         for setpoint in &setpoints {
             let x = setpoint.position[0];
             // While X moves, away from its acceleration at both ends.
-            if setpoint.state != State::Running || !(10.0..58.0).contains(&x) || setpoint.velocity[0] > -1e-6
+            if setpoint.state != MotionState::Running
+                || !(10.0..58.0).contains(&x)
+                || setpoint.velocity[0] > -1e-6
             {
                 continue;
             }

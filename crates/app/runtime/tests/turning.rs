@@ -5,11 +5,11 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use evolvent_machine::{Machine, PlannerKind};
-use evolvent_motion::State;
+use evolvent_motion::MotionState;
 use evolvent_runtime::{
     CheckBounds, Controls, Job, Notice, ProgramError, RunObserver, RunOutcome, Seen, Setup, check, run_seen,
 };
-use evolvent_turning::{Job as TurningJob, SimulatedProcess, TurningState};
+use evolvent_turning::{SimulatedProcess, TurningJob, TurningState};
 
 /// Turns 40 mm to a radius of 30 mm, then continues with an ordinary move.
 const PROGRAM: &str =
@@ -47,7 +47,7 @@ fn setup(process: Option<TurningJob>) -> Setup {
 /// The observed values of each cycle.
 struct Look {
     position: [f64; 2],
-    state: State,
+    state: MotionState,
     turning: Option<TurningState>,
     line: u32,
 }
@@ -276,7 +276,7 @@ fn hold_override_and_stop_reach_the_turning_cycle() {
         assert!(
             looks
                 .iter()
-                .any(|look| look.state == State::Held && look.turning == Some(TurningState::Held))
+                .any(|look| look.state == MotionState::Held && look.turning == Some(TurningState::Held))
         );
         assert!(looks.len() > whole.len() + 2000);
         assert!(outcome.process.unwrap().workpiece().height_mm(20.0).abs() < 0.02);
@@ -288,7 +288,7 @@ fn hold_override_and_stop_reach_the_turning_cycle() {
         });
         assert_eq!(outcome.summary.outcome.name(), "stopped", "stopped at {at}");
         assert!((looks.len() as u64) < at + 2000);
-        assert_eq!(looks.last().map(|look| look.state), Some(State::Stopped));
+        assert_eq!(looks.last().map(|look| look.state), Some(MotionState::Stopped));
         keeps_limits(&looks, &here);
     }
 }
@@ -350,5 +350,5 @@ fn a_missing_load_stops_the_run_with_the_sensor_alarm() {
     let (looks, outcome) = drive(PROGRAM, setup(Some(silent)), |_, _, _| {});
     assert_eq!(outcome.summary.alarm, Some(501));
     assert!(outcome.fault.is_some_and(|text| text.contains("load sensor")));
-    assert_eq!(looks.last().map(|look| look.state), Some(State::Fault));
+    assert_eq!(looks.last().map(|look| look.state), Some(MotionState::Fault));
 }

@@ -31,10 +31,10 @@ pub struct ToolEntry {
     pub diameter_mm: Option<f64>,
 }
 
-/// A valid command: [`Command::decode`] has checked its numbers.
+/// A valid command: [`OperatorCommand::decode`] has checked its numbers.
 ///
 /// ```
-/// use evolvent_control::{Alarm, Command, CommandCode, Mode, RawCommand};
+/// use evolvent_control::{Alarm, OperatorCommand, CommandCode, Mode, RawCommand};
 /// use evolvent_path::AxisMask;
 ///
 /// let mut raw = RawCommand {
@@ -46,15 +46,15 @@ pub struct ToolEntry {
 ///     text: Some(""),
 /// };
 /// let xyz = AxisMask::from_bits(0b111);
-/// let (_, command) = Command::decode(&raw, xyz)?;
-/// assert_eq!(command, Command::SetMode(Mode::Manual));
+/// let (_, command) = OperatorCommand::decode(&raw, xyz)?;
+/// assert_eq!(command, OperatorCommand::SetMode(Mode::Manual));
 ///
 /// raw.amount = f64::NAN;
-/// assert_eq!(Command::decode(&raw, xyz).unwrap_err().alarm, Alarm::BadNumber);
+/// assert_eq!(OperatorCommand::decode(&raw, xyz).unwrap_err().alarm, Alarm::BadNumber);
 /// # Ok::<(), evolvent_control::Rejection>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
-pub enum Command {
+pub enum OperatorCommand {
     /// See [`CommandCode::Estop`].
     Estop,
     /// See [`CommandCode::EstopReset`].
@@ -148,7 +148,7 @@ pub enum Command {
     Retrace(u32),
 }
 
-impl Command {
+impl OperatorCommand {
     /// The code of this command on the bus.
     #[must_use]
     pub const fn code(&self) -> CommandCode {
@@ -200,7 +200,7 @@ impl Command {
     }
 }
 
-impl std::fmt::Display for Command {
+impl std::fmt::Display for OperatorCommand {
     /// A short description, for the trace.
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let letters =

@@ -4,7 +4,7 @@ use evolvent_config::plain;
 use evolvent_path::{AXES, Axes, AxisMask};
 
 use crate::alarm::Alarm;
-use crate::command::{Command, JogCommand, ToolEntry};
+use crate::command::{JogCommand, OperatorCommand, ToolEntry};
 use crate::command_code::CommandCode;
 use crate::interlock_state::Mode;
 use crate::rejection::Rejection;
@@ -39,7 +39,7 @@ pub struct RawCommand<'a> {
     pub text: Option<&'a str>,
 }
 
-impl Command {
+impl OperatorCommand {
     /// Decodes a request. `present` are the axes of the machine.
     ///
     /// # Errors
@@ -163,12 +163,12 @@ fn range(what: &str, value: f64, low: f64, high: f64) -> Rejection {
 }
 
 /// One axis or none, and its step; 0 for the smallest step of the wheel.
-fn handwheel(raw: &RawCommand<'_>, present: AxisMask) -> Result<Command, Rejection> {
+fn handwheel(raw: &RawCommand<'_>, present: AxisMask) -> Result<OperatorCommand, Rejection> {
     if !(0.0..=MAX_STEP).contains(&raw.amount) {
         return Err(range("the step of the handwheel", raw.amount, 0.0, MAX_STEP));
     }
     if raw.axes_mask == 0 {
-        return Ok(Command::Handwheel {
+        return Ok(OperatorCommand::Handwheel {
             axis: None,
             step: None,
         });
@@ -182,7 +182,7 @@ fn handwheel(raw: &RawCommand<'_>, present: AxisMask) -> Result<Command, Rejecti
             "the handwheel moves one axis: name one",
         ));
     }
-    Ok(Command::Handwheel {
+    Ok(OperatorCommand::Handwheel {
         axis,
         step: (raw.amount > 0.0).then_some(raw.amount),
     })
@@ -313,7 +313,7 @@ mod tests {
     }
 
     fn refused(raw: &RawCommand<'_>) -> Alarm {
-        Command::decode(raw, XYZ).unwrap_err().alarm
+        OperatorCommand::decode(raw, XYZ).unwrap_err().alarm
     }
 
     #[test]
@@ -490,14 +490,14 @@ mod tests {
         request.axes_mask = 0b101;
         request.values = [-3.0, 7.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         request.amount = 20.0;
-        let Ok((_, Command::Jog(continuous))) = Command::decode(&request, XYZ) else {
+        let Ok((_, OperatorCommand::Jog(continuous))) = OperatorCommand::decode(&request, XYZ) else {
             panic!("refused");
         };
         assert_eq!(continuous.distance, None);
         assert_eq!(continuous.direction.as_slice()[..3], [-1.0, 0.0, 1.0]);
         assert_eq!(continuous.max_velocity, Some(20.0));
         request.index = 1;
-        let Ok((_, Command::Jog(increment))) = Command::decode(&request, XYZ) else {
+        let Ok((_, OperatorCommand::Jog(increment))) = OperatorCommand::decode(&request, XYZ) else {
             panic!("refused");
         };
         assert_eq!(increment.distance.unwrap().as_slice()[..3], [-3.0, 0.0, 0.5]);
@@ -516,7 +516,7 @@ mod tests {
             ..raw(code)
         };
         let tool = |number: u32, axes_mask: u32, diameter_mm: Option<f64>| {
-            Command::Tool(ToolEntry {
+            OperatorCommand::Tool(ToolEntry {
                 number,
                 axes: AxisMask::from_bits(axes_mask),
                 offset: Axes::from(values),
@@ -526,7 +526,7 @@ mod tests {
         let cases = [
             (
                 of(CommandCode::Tool, 0, 0.0),
-                Command::ReloadTools,
+                OperatorCommand::ReloadTools,
                 "tool table read again",
             ),
             (
@@ -551,7 +551,7 @@ mod tests {
             ),
             (
                 of(CommandCode::WorkOffset, 9, 0.0),
-                Command::WorkOffset {
+                OperatorCommand::WorkOffset {
                     system: 9,
                     axes: AxisMask::from_bits(xz),
                     values: Axes::from(values),
@@ -560,7 +560,7 @@ mod tests {
             ),
             (
                 of(CommandCode::TouchOff, 0, 0.0),
-                Command::TouchOff {
+                OperatorCommand::TouchOff {
                     system: 0,
                     axes: AxisMask::from_bits(xz),
                     values: Axes::from(values),
@@ -569,7 +569,7 @@ mod tests {
             ),
             (
                 of(CommandCode::Jog, 1, 0.0),
-                Command::Jog(JogCommand {
+                OperatorCommand::Jog(JogCommand {
                     axes: AxisMask::from_bits(xz),
                     distance: Some(Axes::from([MAX_VALUE, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
                     direction: Axes::zeros(),
@@ -579,57 +579,57 @@ mod tests {
             ),
             (
                 of(CommandCode::Home, 0, 0.0),
-                Command::Home(AxisMask::from_bits(xz)),
+                OperatorCommand::Home(AxisMask::from_bits(xz)),
                 "home XZ",
             ),
-            (raw(CommandCode::Home), Command::Home(XYZ), "home XYZ"),
+            (raw(CommandCode::Home), OperatorCommand::Home(XYZ), "home XYZ"),
             (
                 of(CommandCode::Return, 0, 2.5),
-                Command::Return {
+                OperatorCommand::Return {
                     max_velocity: Some(2.5),
                 },
                 "return",
             ),
             (
                 of(CommandCode::Retrace, 0, 0.0),
-                Command::Retrace(1),
+                OperatorCommand::Retrace(1),
                 "retrace to the start of the block",
             ),
             (
                 of(CommandCode::Retrace, 1000, 0.0),
-                Command::Retrace(1000),
+                OperatorCommand::Retrace(1000),
                 "retrace 1000 blocks",
             ),
-            (of(CommandCode::Start, 0, 0.0), Command::Start(0), "start"),
-            (of(CommandCode::Start, 1, 0.0), Command::Start(1), "start"),
+            (of(CommandCode::Start, 0, 0.0), OperatorCommand::Start(0), "start"),
+            (of(CommandCode::Start, 1, 0.0), OperatorCommand::Start(1), "start"),
             (
                 of(CommandCode::Start, 2, 0.0),
-                Command::Start(2),
+                OperatorCommand::Start(2),
                 "start from line 2",
             ),
             (
                 of(CommandCode::Mode, 2, 0.0),
-                Command::SetMode(Mode::Mdi),
+                OperatorCommand::SetMode(Mode::Mdi),
                 "mode MDI",
             ),
             (
                 of(CommandCode::FeedOverride, 0, 2.0),
-                Command::FeedOverride(2.0),
+                OperatorCommand::FeedOverride(2.0),
                 "feed override 200.0 %",
             ),
             (
                 of(CommandCode::RapidOverride, 0, 0.0),
-                Command::RapidOverride(0.0),
+                OperatorCommand::RapidOverride(0.0),
                 "rapid override 0.0 %",
             ),
             (
                 of(CommandCode::SpindleOverride, 0, 0.753),
-                Command::SpindleOverride(0.753),
+                OperatorCommand::SpindleOverride(0.753),
                 "spindle override 75.3 %",
             ),
         ];
         for (raw, expected, words) in cases {
-            let (code, command) = Command::decode(&raw, XYZ).unwrap();
+            let (code, command) = OperatorCommand::decode(&raw, XYZ).unwrap();
             assert_eq!((code as u32, &command), (raw.command, &expected));
             assert_eq!(command.to_string().to_lowercase(), words.to_lowercase());
             // The values that are needed to recompute runs.
@@ -651,7 +651,7 @@ mod tests {
             values: [-1.000_1 * MAX_VALUE; AXES],
             ..of(CommandCode::TouchOff, 1, 0.0)
         };
-        let told = Command::decode(&far, XYZ).unwrap_err().text;
+        let told = OperatorCommand::decode(&far, XYZ).unwrap_err().text;
         assert_eq!(told, "a coordinate is -1000100, it must be -1000000 to 1000000");
     }
 }

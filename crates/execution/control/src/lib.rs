@@ -1,13 +1,13 @@
 //! Operating the machine: which command is accepted when, what it does, and why it is rejected.
 //!
 //! ```text
-//!   request ──► serial ──► decode ──► interlocks ──► Command, to be carried out
+//!   request ──► serial ──► decode ──► interlocks ──► OperatorCommand, to be carried out
 //!               newer?     numbers    one table      and committed
 //! ```
 //!
 //! [`OperatorState`] is the operator's view of one machine: e-stop, off or on; manual, MDI or automatic; the
 //! job that moves the axes; overrides and switches; latched alarms. It reads no clock and does no I/O: time
-//! and inputs are arguments, and the result is a [`Command`] to execute. Every scenario therefore runs in
+//! and inputs are arguments, and the result is a [`OperatorCommand`] to execute. Every scenario therefore runs in
 //! microseconds.
 //!
 //! ```
@@ -63,7 +63,7 @@ mod rejection;
 mod serials;
 
 pub use alarm::{Alarm, AlarmKind};
-pub use command::{Command, JogCommand, ToolEntry};
+pub use command::{JogCommand, OperatorCommand, ToolEntry};
 pub use command_code::CommandCode;
 pub use decode::RawCommand;
 pub use handwheel::{Handwheel, HandwheelReading};
@@ -71,6 +71,6 @@ pub use homing::{Homing, HomingAction, HomingAxis, HomingSample};
 pub use interlock_state::{Activity, InterlockState, MachineState, Mode};
 pub use interlocks::{RULES, Rule, judge};
 pub use jog_enable::JogEnable;
-pub use operator_state::{JobResult, OperatorInputs, OperatorState, Verdict};
+pub use operator_state::{CommandVerdict, JobResult, OperatorInputs, OperatorState};
 pub use rejection::Rejection;
 pub use serials::Serials;

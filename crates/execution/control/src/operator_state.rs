@@ -3,7 +3,7 @@
 use evolvent_path::AxisMask;
 
 use crate::alarm::{Alarm, AlarmKind};
-use crate::command::Command;
+use crate::command::OperatorCommand;
 use crate::command_code::CommandCode;
 use crate::decode::RawCommand;
 use crate::interlock_state::{Activity, InterlockState, MachineState, Mode};
@@ -19,7 +19,7 @@ const ENABLE_NS: u64 = 2_000_000_000;
 /// The result of a command, as in the reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
-pub enum Verdict {
+pub enum CommandVerdict {
     /// It takes effect.
     Accepted = 0,
     /// It has no effect; the alarm contains the reason.
@@ -156,14 +156,14 @@ impl OperatorState {
         serial: u64,
         raw: &RawCommand<'_>,
         facts: &OperatorInputs,
-    ) -> Result<Command, (Verdict, Rejection)> {
+    ) -> Result<OperatorCommand, (CommandVerdict, Rejection)> {
         if client == 0 || serial == 0 {
             let text = "a command needs the number of its client and its own, both above 0";
             return Err(self.refuse(Rejection::new(Alarm::Malformed, text)));
         }
         if !self.serials.admit(client, serial) {
             self.rejected += 1;
-            return Err((Verdict::Stale, Alarm::Stale.into()));
+            return Err((CommandVerdict::Stale, Alarm::Stale.into()));
         }
         if facts.is_ending {
             return Err(self.refuse(Alarm::Ending.into()));
@@ -171,7 +171,7 @@ impl OperatorState {
         // Set until the load succeeds: if anything prevents it, the loaded program is not the one that was
         // requested.
         self.load_failed |= raw.command == CommandCode::Load as u32;
-        let (code, command) = match Command::decode(raw, facts.present) {
+        let (code, command) = match OperatorCommand::decode(raw, facts.present) {
             Ok(decoded) => decoded,
             Err(refusal) => return Err(self.refuse(refusal)),
         };
@@ -237,43 +237,43 @@ impl OperatorState {
     }
 
     /// Counts a rejection and returns the reply.
-    pub fn refuse(&mut self, refusal: Rejection) -> (Verdict, Rejection) {
+    pub fn refuse(&mut self, refusal: Rejection) -> (CommandVerdict, Rejection) {
         self.rejected += 1;
-        (Verdict::Rejected, refusal)
+        (CommandVerdict::Rejected, refusal)
     }
 
     /// An authorized command is being executed. `needs_drives`: switching on has to wait for drives.
-    pub fn commit(&mut self, command: &Command, now_ns: u64, needs_drives: bool) {
+    pub fn commit(&mut self, command: &OperatorCommand, now_ns: u64, needs_drives: bool) {
         self.accepted += 1;
         match command {
-            Command::Estop => self.fall_into_estop(),
-            Command::EstopReset => self.machine = MachineState::Off,
-            Command::On if self.machine == MachineState::Off => {
+            OperatorCommand::Estop => self.fall_into_estop(),
+            OperatorCommand::EstopReset => self.machine = MachineState::Off,
+            OperatorCommand::On if self.machine == MachineState::Off => {
                 if needs_drives {
                     self.enabling_since_ns.get_or_insert(now_ns);
                 } else {
                     self.machine = MachineState::On;
                 }
             }
-            Command::Off => {
+            OperatorCommand::Off => {
                 self.enabling_since_ns = None;
                 if self.machine == MachineState::On {
                     self.machine = MachineState::Off;
                 }
             }
-            Command::SetMode(mode) => self.mode = *mode,
-            Command::Load(file) => {
+            OperatorCommand::SetMode(mode) => self.mode = *mode,
+            OperatorCommand::Load(file) => {
                 self.program = Some(file.clone());
                 self.load_failed = false;
             }
-            Command::Step => self.switches.single_step = true,
-            Command::SingleStep(on) => self.switches.single_step = *on,
-            Command::OptionalStop(on) => self.switches.optional_stop = *on,
-            Command::BlockDelete(on) => self.switches.block_delete = *on,
-            Command::FeedOverride(ratio) => self.overrides.feed = *ratio,
-            Command::RapidOverride(ratio) => self.overrides.rapid = *ratio,
-            Command::SpindleOverride(ratio) => self.overrides.spindle = *ratio,
-            Command::Reset | Command::ClearAlarms => self.clear_alarms(),
+            OperatorCommand::Step => self.switches.single_step = true,
+            OperatorCommand::SingleStep(on) => self.switches.single_step = *on,
+            OperatorCommand::OptionalStop(on) => self.switches.optional_stop = *on,
+            OperatorCommand::BlockDelete(on) => self.switches.block_delete = *on,
+            OperatorCommand::FeedOverride(ratio) => self.overrides.feed = *ratio,
+            OperatorCommand::RapidOverride(ratio) => self.overrides.rapid = *ratio,
+            OperatorCommand::SpindleOverride(ratio) => self.overrides.spindle = *ratio,
+            OperatorCommand::Reset | OperatorCommand::ClearAlarms => self.clear_alarms(),
             _ => {}
         }
     }

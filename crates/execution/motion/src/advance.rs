@@ -9,7 +9,7 @@ use crate::queue::PlanConsumer;
 use crate::run_drive::{Pace, RunProgress};
 use crate::setpoint::Inputs;
 use crate::slowdown::Ahead;
-use crate::state::State;
+use crate::state::MotionState;
 use crate::takeover::Takeover;
 
 /// Maximum number of steps, segments and marks passed in one cycle. Pieces are about as long as the shortest
@@ -170,13 +170,13 @@ impl PathExecutor {
                 cursor.line = line;
                 // A request to resume from before the machine was here does not count: it cannot refer to
                 // this stop.
-                let stood_here = cursor.state == State::ProgramStop;
+                let stood_here = cursor.state == MotionState::ProgramStop;
                 if !inputs.resume || self.resume_seen || !stood_here {
-                    cursor.state = State::ProgramStop;
+                    cursor.state = MotionState::ProgramStop;
                     return false;
                 }
                 self.resume_seen = true;
-                cursor.state = State::Running;
+                cursor.state = MotionState::Running;
                 cursor.pass_rest();
             }
             Step::Action { action, line } => {
@@ -186,7 +186,7 @@ impl PathExecutor {
             }
             Step::Turning { line } | Step::Probe { line } | Step::Thread { line } => {
                 cursor.line = line;
-                cursor.state = State::Running;
+                cursor.state = MotionState::Running;
                 cursor.rest.takeover = Some(match step {
                     Step::Probe { .. } => Takeover::Probing,
                     Step::Thread { .. } => Takeover::Threading,
@@ -198,7 +198,7 @@ impl PathExecutor {
                 if line > 0 {
                     cursor.line = line;
                 }
-                cursor.state = State::Done;
+                cursor.state = MotionState::Done;
                 return false;
             }
         }
@@ -210,7 +210,7 @@ impl PathExecutor {
         if !inputs.resume {
             self.resume_seen = false;
         }
-        if matches!(cursor.state, State::Done | State::Fault) {
+        if matches!(cursor.state, MotionState::Done | MotionState::Fault) {
             return;
         }
         let still = match &cursor.drive {
@@ -219,17 +219,25 @@ impl PathExecutor {
             ActiveMotion::TimedSegment { .. } => false,
         };
         cursor.state = if self.stop {
-            if still { State::Stopped } else { State::Stopping }
+            if still {
+                MotionState::Stopped
+            } else {
+                MotionState::Stopping
+            }
         } else if standing {
-            if still { State::Held } else { State::Holding }
+            if still {
+                MotionState::Held
+            } else {
+                MotionState::Holding
+            }
         } else if cursor.rest.dwell > 0.0 {
-            State::Dwell
-        } else if cursor.is_still() && cursor.state == State::ProgramStop {
-            State::ProgramStop
-        } else if cursor.is_still() && cursor.state == State::Idle {
-            State::Idle
+            MotionState::Dwell
+        } else if cursor.is_still() && cursor.state == MotionState::ProgramStop {
+            MotionState::ProgramStop
+        } else if cursor.is_still() && cursor.state == MotionState::Idle {
+            MotionState::Idle
         } else {
-            State::Running
+            MotionState::Running
         };
     }
 

@@ -5,7 +5,7 @@ use evolvent_planner::{ScalarState, TimedSegment};
 
 use crate::run_drive::RunDrive;
 use crate::slowdown::Slowdown;
-use crate::state::State;
+use crate::state::MotionState;
 use crate::takeover::Takeover;
 
 /// The element of the plan that moves the axes.
@@ -58,7 +58,7 @@ pub(crate) struct Cursor {
     pub(crate) interval: u64,
     /// Parameter length of all runs passed, or of the path up to the present piece.
     pub(crate) travelled: f64,
-    pub(crate) state: State,
+    pub(crate) state: MotionState,
     pub(crate) actions: u32,
     pub(crate) line: u32,
     pub(crate) block: u32,
@@ -82,7 +82,7 @@ impl Cursor {
             mark: 0,
             interval: 0,
             travelled: 0.0,
-            state: State::Idle,
+            state: MotionState::Idle,
             actions: 0,
             line: 0,
             block: 0,

@@ -3,7 +3,7 @@
 use evolvent_path::{Axes, Jet};
 
 use crate::setpoint::Setpoint;
-use crate::state::State;
+use crate::state::MotionState;
 
 /// Number of samples kept: with one per millisecond, 32 s of motion.
 const SAMPLES: usize = 1 << 15;
@@ -109,7 +109,7 @@ impl DrivenPath {
         is_barred: bool,
     ) {
         // Outputs with a safe state in holds change at the hold and after it. They do not depend on the path.
-        let is_held = setpoint.state == State::Held;
+        let is_held = setpoint.state == MotionState::Held;
         let by_hold = is_held || (self.was_held && setpoint.block == self.block);
         self.was_held = is_held;
         if is_barred || (is_switched && !by_hold) || setpoint.actions != self.actions {

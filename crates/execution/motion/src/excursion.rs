@@ -5,10 +5,10 @@ use evolvent_path::{AXES, Axes, Jet};
 use evolvent_planner::{Profile, ScalarLimits, ScalarState};
 
 use crate::driven_path::DrivenPath;
-use crate::machine_state::MachineState;
 use crate::path_executor::PathExecutor;
 use crate::setpoint::Setpoint;
-use crate::state::State;
+use crate::setpoint_generator::SetpointGenerator;
+use crate::state::MotionState;
 use crate::transfer_executor::TransferExecutor;
 
 /// Distance below which two positions are the same, mm or degrees. A solved transfer ends within less of its
@@ -113,7 +113,7 @@ impl Excursion {
     /// returned.
     pub fn steer(
         &mut self,
-        station: &MachineState,
+        station: &SetpointGenerator,
         transfer: Box<TransferExecutor>,
     ) -> Result<(), Box<TransferExecutor>> {
         if self.is_moving() || !station.can_steer(&transfer) {
@@ -126,7 +126,7 @@ impl Excursion {
 
     /// Replaces the transfer in progress by one that begins at the state of the last setpoint. Returns
     /// whether it does. Real-time safe.
-    pub fn turn(&mut self, station: &MachineState, to: &TransferExecutor) -> bool {
+    pub fn turn(&mut self, station: &SetpointGenerator, to: &TransferExecutor) -> bool {
         match &mut self.mover {
             Mover::Transfer(transfer) => station.turn(transfer, to),
             _ => false,
@@ -138,7 +138,7 @@ impl Excursion {
     /// on the path, or the path is not known so far back. Real-time safe.
     pub fn retrace(
         &mut self,
-        station: &MachineState,
+        station: &SetpointGenerator,
         path: &mut DrivenPath,
         limits: &Limits,
         back: u32,
@@ -198,7 +198,7 @@ impl Excursion {
     /// safe.
     pub fn step(
         &mut self,
-        station: &mut MachineState,
+        station: &mut SetpointGenerator,
         path: &mut DrivenPath,
         plan: &Setpoint,
     ) -> (Setpoint, Option<ExcursionEnd>) {
@@ -212,8 +212,8 @@ impl Excursion {
             Mover::Transfer(transfer) => {
                 let setpoint = station.steer(transfer);
                 let ended = match setpoint.state {
-                    State::Done => Some(ExcursionEnd::Arrived),
-                    State::Stopped => Some(ExcursionEnd::Stopped),
+                    MotionState::Done => Some(ExcursionEnd::Arrived),
+                    MotionState::Stopped => Some(ExcursionEnd::Stopped),
                     _ => None,
                 };
                 (setpoint, ended)
@@ -250,7 +250,7 @@ impl Excursion {
     }
 
     /// Ends a motion. Axes near the position at which they left the path are set to exactly that position.
-    fn end(&mut self, station: &mut MachineState, path: &mut DrivenPath, by_fault: bool) {
+    fn end(&mut self, station: &mut SetpointGenerator, path: &mut DrivenPath, by_fault: bool) {
         if matches!(self.mover, Mover::Path(_)) {
             self.mover = Mover::None;
         }
@@ -278,7 +278,7 @@ impl Excursion {
 
     /// Returns the axes to the program if they have been at rest at its held position for four setpoints. The
     /// excursion is over if this returns `true`. Real-time safe.
-    pub fn give_back(&self, station: &MachineState, motion: &mut PathExecutor) -> bool {
+    pub fn give_back(&self, station: &SetpointGenerator, motion: &mut PathExecutor) -> bool {
         let is_back = !self.is_moving()
             && self.place.is_none()
             && self.rests >= SETTLED
@@ -306,7 +306,7 @@ impl PathDrive {
     }
 
     /// The next position and derivatives by time; whether it is at an exact-path joint; its line.
-    fn advance(&mut self, path: &mut DrivenPath, station: &MachineState) -> (Jet, bool, u32) {
+    fn advance(&mut self, path: &mut DrivenPath, station: &SetpointGenerator) -> (Jet, bool, u32) {
         let period = station.period();
         self.time += period;
         let (now, jerk) = self.profile.at(self.time);

@@ -17,7 +17,7 @@ const JOINT_CYCLES: u32 = 3;
 
 /// The limit that a setpoint would violate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Quantity {
+pub enum BrokenLimit {
     /// Not a finite number.
     Finite,
     /// Travel of the axis.
@@ -37,7 +37,7 @@ pub struct Violation {
     /// The axis.
     pub axis: AxisLetter,
     /// The limit that is violated.
-    pub quantity: Quantity,
+    pub quantity: BrokenLimit,
     /// The value.
     pub value: f64,
     /// The limit.
@@ -152,17 +152,23 @@ impl Guard {
                 }
             };
             if !braking {
-                test(Quantity::Velocity, velocity[i], self.limits.velocity[i], SLACK, 1)?;
+                test(
+                    BrokenLimit::Velocity,
+                    velocity[i],
+                    self.limits.velocity[i],
+                    SLACK,
+                    1,
+                )?;
             }
             if !near_joint {
                 test(
-                    Quantity::Acceleration,
+                    BrokenLimit::Acceleration,
                     acceleration[i],
                     self.limits.acceleration[i],
                     SLACK,
                     2,
                 )?;
-                test(Quantity::Jerk, jerk[i], self.limits.jerk[i], JERK_SLACK, 3)?;
+                test(BrokenLimit::Jerk, jerk[i], self.limits.jerk[i], JERK_SLACK, 3)?;
             }
         }
         Ok(())
@@ -190,14 +196,14 @@ impl Guard {
             limit,
         };
         if !value.is_finite() {
-            return Err(violation(Quantity::Finite, f64::NAN));
+            return Err(violation(BrokenLimit::Finite, f64::NAN));
         }
         let (low, high) = (self.limits.travel_min[i], self.limits.travel_max[i]);
         if self.limits.present[i] && value < low - TRAVEL_SLACK {
-            return Err(violation(Quantity::Travel, low));
+            return Err(violation(BrokenLimit::Travel, low));
         }
         if self.limits.present[i] && value > high + TRAVEL_SLACK {
-            return Err(violation(Quantity::Travel, high));
+            return Err(violation(BrokenLimit::Travel, high));
         }
         Ok(())
     }

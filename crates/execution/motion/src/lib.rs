@@ -52,7 +52,7 @@
 //! it will reach 10 ms later. The runs of a classic plan are solved here in closed form.
 //!
 //! Jog and homing have no path: a [`TransferExecutor`] drives a transfer that was solved before. A
-//! [`MachineState`] carries sequence numbers and the memory of the guard from job to job.
+//! [`SetpointGenerator`] carries sequence numbers and the memory of the guard from job to job.
 //!
 //! An [`Excursion`] moves the axes away from a held program, by jogs or backwards along the [`DrivenPath`],
 //! and back. The program continues as without it.
@@ -76,7 +76,6 @@ mod cursor;
 mod driven_path;
 mod excursion;
 mod guard;
-mod machine_state;
 mod path_executor;
 mod plan_preview;
 mod probing;
@@ -88,6 +87,7 @@ mod replay;
 mod run_drive;
 mod scale;
 mod setpoint;
+mod setpoint_generator;
 mod slowdown;
 mod state;
 mod stopping_distance;
@@ -100,15 +100,15 @@ mod transfer_executor;
 pub use driven_path::DrivenPath;
 pub use evolvent_wire::flags;
 pub use excursion::{Excursion, ExcursionEnd};
-pub use guard::{Extremes, Guard, Quantity, Violation};
-pub use machine_state::MachineState;
+pub use guard::{BrokenLimit, Extremes, Guard, Violation};
 pub use path_executor::PathExecutor;
 pub use probing::{ProbeMove, ProbeResult, ProbeVerdict, Probing};
 pub use process_cycle::{ProcessCycle, ProcessInputs, ProcessStatus};
 pub use queue::{PlanConsumer, PlanProducer, QueueClosed, STEPS_AHEAD, plan_queue};
 pub use replay::PlannerLag;
 pub use setpoint::{Inputs, Setpoint};
-pub use state::State;
+pub use setpoint_generator::SetpointGenerator;
+pub use state::MotionState;
 pub use stopping_distance::{LongestStop, StoppingDistance};
 pub use takeover::{ProbingSender, ProcessSender, TakeoverSender, ThreadingSender};
 pub use thread_cam::{ThreadLeg, ThreadObjection};

@@ -17,7 +17,7 @@ use crate::replan::ReplanState;
 use crate::replay::PlannerLag;
 use crate::setpoint::{Inputs, Setpoint};
 use crate::slowdown::{Lead, Slowdown};
-use crate::state::State;
+use crate::state::MotionState;
 use crate::threading::Threading;
 
 /// Minimum feed override for which a plan is made.
@@ -115,7 +115,7 @@ impl PathExecutor {
     /// held or at a program stop, and no probing move, thread or process cycle moves the axes.
     #[must_use]
     pub fn can_be_left(&self) -> bool {
-        matches!(self.cursor.state, State::Held | State::ProgramStop)
+        matches!(self.cursor.state, MotionState::Held | MotionState::ProgramStop)
             && self.is_at_rest()
             && !self.process.is_active()
             && self.probing.is_none()
@@ -145,7 +145,7 @@ impl PathExecutor {
 
     /// The state of the cycle.
     #[must_use]
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> MotionState {
         self.cursor.state
     }
 
@@ -198,8 +198,8 @@ impl PathExecutor {
     #[must_use]
     pub fn is_over(&self) -> bool {
         match self.cursor.state {
-            State::Done | State::Stopped => true,
-            State::Fault => match &self.quick_stop {
+            MotionState::Done | MotionState::Stopped => true,
+            MotionState::Fault => match &self.quick_stop {
                 None => self.is_at_rest(),
                 Some(stop) => stop.is_over(),
             },
@@ -255,7 +255,7 @@ impl PathExecutor {
             {
                 self.fault.get_or_insert(violation);
                 cursor = self.cursor;
-                cursor.state = State::Fault;
+                cursor.state = MotionState::Fault;
                 self.slow_down(&mut cursor, inputs, queue);
                 self.advance(&mut cursor, inputs, false, queue);
                 (jet, segment) = self.evaluate(&mut cursor, queue);
@@ -294,7 +294,10 @@ impl PathExecutor {
             (moves && marks.rapid, flags::RAPID),
             (cursor.joint, flags::JOINT),
             (cursor.starved, flags::STARVED),
-            (matches!(cursor.state, State::Holding | State::Held), flags::HOLD),
+            (
+                matches!(cursor.state, MotionState::Holding | MotionState::Held),
+                flags::HOLD,
+            ),
             (self.fault.is_some(), flags::GUARD),
         ] {
             if set {
@@ -361,7 +364,7 @@ impl PathExecutor {
 
     /// Whether the axes are to stop on the path and stay there.
     pub(crate) fn stop_requested(&self, cursor: &Cursor, inputs: &Inputs) -> bool {
-        self.stop || inputs.hold || cursor.state == State::Fault
+        self.stop || inputs.hold || cursor.state == MotionState::Fault
     }
 
     pub(crate) fn setpoint(&mut self, jet: Jet, path_mm: f64, flags: u32) -> Setpoint {
@@ -393,7 +396,7 @@ impl PathExecutor {
             (last.first, last.second) = (velocity, acceleration);
         }
         self.quick_stop = Some(QuickStop::new(&self.limits, from, &last));
-        self.cursor.state = State::Fault;
+        self.cursor.state = MotionState::Fault;
     }
 
     pub(crate) fn step_quick_stop(&mut self) -> Setpoint {

@@ -12,7 +12,7 @@ use evolvent_path::Jet;
 use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
 use crate::setpoint::{Inputs, Setpoint};
-use crate::state::State;
+use crate::state::MotionState;
 
 /// Inputs of a process cycle in one period.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,7 +120,7 @@ impl PathExecutor {
         self.process.has_failed |= status == ProcessStatus::Failed;
         let is_held = inputs.hold && !self.stop;
         self.cursor.state = match status {
-            ProcessStatus::Failed => State::Fault,
+            ProcessStatus::Failed => MotionState::Fault,
             _ => self.takeover_state(is_held, is_at_rest),
         };
         if status == ProcessStatus::Done && !self.stop {

@@ -10,7 +10,7 @@
 //! ends at rest; the last committed step is *open*. A continuation of the plan is appended after the tail,
 //! and the open step is *linked* to it, which skips the tail. If the cycle reaches the end of the committed
 //! steps first, it claims the link and drives the tail, and the late link of the planner fails. For another
-//! override the cycle sends a [`Request`] for a new plan from a position a few cycles ahead; the [`Reply`]
+//! override the cycle sends a [`ReplanRequest`] for a new plan from a position a few cycles ahead; the [`ReplanReply`]
 //! names the step at which it continues there. A cycle that cannot take over a reply withdraws the request:
 //! the planner then drops that plan and continues the one that is driven.
 
@@ -18,7 +18,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use evolvent_planner::{
-    BlockMark, ExitSpeeds, PENDING_SEGMENTS, PENDING_STEPS, PlanSink, Reply, Request, Segment, Step,
+    BlockMark, ExitSpeeds, PENDING_SEGMENTS, PENDING_STEPS, PlanSink, ReplanReply, ReplanRequest, Segment,
+    Step,
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 
@@ -142,8 +143,8 @@ pub struct PlanProducer<W> {
     steps: Producer<Step>,
     segments: Producer<Segment>,
     marks: Producer<BlockMark>,
-    requests: Consumer<Request>,
-    replies: Producer<Reply>,
+    requests: Consumer<ReplanRequest>,
+    replies: Producer<ReplanReply>,
     processes: Option<ProcessSender>,
     probings: Option<ProbingSender>,
     threadings: Option<ThreadingSender>,
@@ -250,7 +251,7 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         Ok(())
     }
 
-    fn request(&mut self) -> Option<Request> {
+    fn request(&mut self) -> Option<ReplanRequest> {
         // Only the last request is still open.
         let mut last = None;
         while let Ok(request) = self.requests.pop() {
@@ -259,7 +260,7 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         last
     }
 
-    fn reply(&mut self, reply: Reply) {
+    fn reply(&mut self, reply: ReplanReply) {
         // A reply that does not fit belongs to a request that nobody waits for.
         let _unheard = self.replies.push(reply);
     }
@@ -287,8 +288,8 @@ pub struct PlanConsumer {
     steps: Consumer<Step>,
     segments: Consumer<Segment>,
     marks: Consumer<BlockMark>,
-    requests: Producer<Request>,
-    replies: Consumer<Reply>,
+    requests: Producer<ReplanRequest>,
+    replies: Consumer<ReplanReply>,
     pub(crate) processes: TakeoverReceiver<dyn ProcessCycle>,
     pub(crate) probings: TakeoverReceiver<Probing>,
     pub(crate) threadings: TakeoverReceiver<Threading>,
@@ -495,7 +496,7 @@ impl PlanConsumer {
 
     /// Sends a request to the planner. Returns `false` if the queue is full, which only happens without a
     /// planner.
-    pub fn ask(&mut self, request: Request) -> bool {
+    pub fn ask(&mut self, request: ReplanRequest) -> bool {
         // Replies to withdrawn requests are not read, and must not take the capacity of the reply to this
         // one.
         while self.replies.pop().is_ok() {}
@@ -503,7 +504,7 @@ impl PlanConsumer {
     }
 
     /// The reply to request `id`, if it has arrived; older ones are dropped.
-    pub fn reply(&mut self, id: u64) -> Option<Reply> {
+    pub fn reply(&mut self, id: u64) -> Option<ReplanReply> {
         while let Ok(reply) = self.replies.peek().copied() {
             if reply.id == id {
                 return Some(reply);

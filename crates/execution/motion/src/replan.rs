@@ -8,7 +8,7 @@
 //!
 //! [`Slowdown`]: crate::slowdown::Slowdown
 
-use evolvent_planner::{Request, Step, TimedSegment};
+use evolvent_planner::{ReplanRequest, Step, TimedSegment};
 
 use crate::advance::MAX_RESTS_PER_CYCLE;
 use crate::cursor::{ActiveMotion, Cursor};
@@ -17,7 +17,7 @@ use crate::plan_preview::LONGEST_PREVIEW_S;
 use crate::queue::PlanConsumer;
 use crate::scale::Scale;
 use crate::setpoint::Inputs;
-use crate::state::State;
+use crate::state::MotionState;
 
 /// Time from a request to the position at which its reply takes over, s: planning takes at most half of it.
 const LEAD_S: f64 = 0.010;
@@ -139,7 +139,7 @@ impl PathExecutor {
         }
         match reply {
             // The axes are stopping or at rest: they do not reach the position for which the reply was made.
-            Some(_) if open.after.is_some() && (cursor.state == State::Fault || cursor.is_still()) => {
+            Some(_) if open.after.is_some() && (cursor.state == MotionState::Fault || cursor.is_still()) => {
                 self.asking.withdraw(self.sequence, queue);
             }
             Some(reply) => {
@@ -195,7 +195,10 @@ impl PathExecutor {
         let cursor = self.cursor;
         if self.asking.open.is_some()
             || self.quick_stop.is_some()
-            || matches!(cursor.state, State::Done | State::Fault | State::Stopped)
+            || matches!(
+                cursor.state,
+                MotionState::Done | MotionState::Fault | MotionState::Stopped
+            )
         {
             return;
         }
@@ -230,7 +233,7 @@ impl PathExecutor {
                     let (state, _) = steady.apply(state, jerk);
                     // The last setpoint is number `sequence - 1`.
                     let after = self.sequence - 1 + self.asking.lead;
-                    let request = Request {
+                    let request = ReplanRequest {
                         rate,
                         ..place(step, &flow, state.x, state.v, state.a)
                     };
@@ -247,7 +250,7 @@ impl PathExecutor {
                     self.send(None, place(cursor.step, &flow, 0.0, 0.0, 0.0), queue);
                 }
                 Some(Step::Wait) => {
-                    let rest = Request {
+                    let rest = ReplanRequest {
                         step: cursor.step,
                         segment: cursor.segment,
                         offset: cursor.rest.x - cursor.segment_start,
@@ -287,9 +290,9 @@ impl PathExecutor {
         None
     }
 
-    fn send(&mut self, after: Option<u64>, place: Request, queue: &mut PlanConsumer) {
+    fn send(&mut self, after: Option<u64>, place: ReplanRequest, queue: &mut PlanConsumer) {
         self.asking.asked += 1;
-        let request = Request {
+        let request = ReplanRequest {
             id: self.asking.asked,
             rests: self.cursor.rest.passed,
             feed_factor: self.feed_override,
@@ -335,7 +338,7 @@ impl PathExecutor {
     /// planner.
     pub fn can_leave_wait(&self, queue: &mut PlanConsumer) -> bool {
         let step = self.cursor.step;
-        self.cursor.state == State::ProgramStop
+        self.cursor.state == MotionState::ProgramStop
             && matches!(queue.step(step), Some(Step::InputWait { .. }))
             && self.is_ready_from(step + 1, queue)
     }
@@ -450,7 +453,7 @@ impl PathExecutor {
     }
 }
 
-pub(crate) const EMPTY: Request = Request {
+pub(crate) const EMPTY: ReplanRequest = ReplanRequest {
     id: 0,
     step: 0,
     segment: 0,
@@ -464,8 +467,8 @@ pub(crate) const EMPTY: Request = Request {
 };
 
 /// A request at parameter `x` of a piece, which is plan step `step`.
-fn place(step: u64, flow: &TimedSegment, x: f64, v: f64, a: f64) -> Request {
-    Request {
+fn place(step: u64, flow: &TimedSegment, x: f64, v: f64, a: f64) -> ReplanRequest {
+    ReplanRequest {
         step,
         segment: flow.piece.segment,
         offset: flow.piece.from + x,

@@ -4,7 +4,7 @@ use evolvent_machine::LoadSample;
 use evolvent_path::Axes;
 use evolvent_signals::{OverrideSwitches, ProbeInput, SpindleInput};
 
-use crate::State;
+use crate::MotionState;
 
 /// Inputs from outside, sampled once per cycle. Changes are recorded, so that a run can be recomputed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,7 +77,7 @@ pub struct Setpoint {
     /// Index of the block in the order of execution.
     pub block: u32,
     /// State of the cycle.
-    pub state: State,
+    pub state: MotionState,
     /// Bits of [`crate::flags`].
     pub flags: u32,
     /// Number of actions for the periphery that have taken effect so far (M3, M6, M8 ...).

@@ -394,7 +394,7 @@ mod tests {
 
     use evolvent_path::{Axes, Curve, Line};
     use evolvent_planner::{PlanSink, Segment, SegmentMarks, Step, TimedSegment};
-    use evolvent_timing::{Piece, TimeLaw};
+    use evolvent_timing::{TimeLaw, TimeLawPiece};
 
     use super::*;
     use crate::queue::plan_queue;
@@ -433,7 +433,7 @@ mod tests {
         };
         producer.segment(&segment).expect("room");
         let flow = |k: f64| TimedSegment {
-            piece: Piece {
+            piece: TimeLawPiece {
                 law: TimeLaw::LinearAcceleration { v, b: 0.0, c: 0.0 },
                 length: 0.01 * v,
                 duration_s: 0.01,

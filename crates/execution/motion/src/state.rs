@@ -3,7 +3,7 @@
 /// The state of the cycle. The numbers are part of the bus and trace contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum State {
+pub enum MotionState {
     /// At rest, without a job.
     Idle = 0,
     /// Moving along the path, or ready to move.

@@ -12,7 +12,7 @@ use crate::probing::{ProbeResult, Probing};
 use crate::process_cycle::ProcessCycle;
 use crate::queue::PlanConsumer;
 use crate::setpoint::Setpoint;
-use crate::state::State;
+use crate::state::MotionState;
 use crate::threading::{ThreadResult, Threading};
 
 /// Capacity for waiting motions and for completed ones: as many as can be on the way, and one that is active.
@@ -135,13 +135,13 @@ impl PathExecutor {
     }
 
     /// The state of the cycle during such a motion.
-    pub(crate) fn takeover_state(&self, is_held: bool, is_at_rest: bool) -> State {
+    pub(crate) fn takeover_state(&self, is_held: bool, is_at_rest: bool) -> MotionState {
         match (self.stop, is_held) {
-            (true, _) if is_at_rest => State::Stopped,
-            (true, _) => State::Stopping,
-            (_, true) if is_at_rest => State::Held,
-            (_, true) => State::Holding,
-            _ => State::Running,
+            (true, _) if is_at_rest => MotionState::Stopped,
+            (true, _) => MotionState::Stopping,
+            (_, true) if is_at_rest => MotionState::Held,
+            (_, true) => MotionState::Holding,
+            _ => MotionState::Running,
         }
     }
 

@@ -5,7 +5,7 @@ use evolvent_path::{Axes, Jet};
 use evolvent_transfer::Transfer;
 
 use crate::quick_stop::QuickStop;
-use crate::state::State;
+use crate::state::MotionState;
 
 /// Tolerance between the start of a transfer and the present state: positions in mm or degrees, velocity and
 /// acceleration as fractions of their limits.
@@ -80,16 +80,16 @@ impl TransferExecutor {
     }
 
     /// Position, derivatives and state of the cycle one period later.
-    pub(crate) fn advance(&mut self, period: f64, last: &Jet, limits: &Limits) -> (Jet, State) {
+    pub(crate) fn advance(&mut self, period: f64, last: &Jet, limits: &Limits) -> (Jet, MotionState) {
         if self.stopping && self.stop.is_none() {
             self.stop = Some(QuickStop::new(limits, last.position, last));
         }
         if let Some(stop) = &mut self.stop {
             let jet = stop.advance(period);
             let state = if stop.is_over() {
-                State::Stopped
+                MotionState::Stopped
             } else {
-                State::Stopping
+                MotionState::Stopping
             };
             return (jet, state);
         }
@@ -102,9 +102,9 @@ impl TransferExecutor {
             third: point.jerk,
         };
         let state = if self.is_over() {
-            State::Done
+            MotionState::Done
         } else {
-            State::Running
+            MotionState::Running
         };
         (jet, state)
     }

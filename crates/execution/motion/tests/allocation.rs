@@ -3,7 +3,9 @@
 
 use evolvent_counting::calls;
 use evolvent_machine::Limits;
-use evolvent_motion::{Inputs, PathExecutor, ProcessCycle, ProcessInputs, ProcessStatus, State, plan_queue};
+use evolvent_motion::{
+    Inputs, MotionState, PathExecutor, ProcessCycle, ProcessInputs, ProcessStatus, plan_queue,
+};
 use evolvent_path::{AXES, Axes, Jet};
 use evolvent_planner::{PlanSink, Step};
 
@@ -129,7 +131,7 @@ enum Scene {
 
 /// The states of a plan with two process cycles, the position of the last setpoint, and the number of calls
 /// of the allocator.
-fn drive_processes(scene: Scene) -> (Vec<State>, PathExecutor, Axes, u64) {
+fn drive_processes(scene: Scene) -> (Vec<MotionState>, PathExecutor, Axes, u64) {
     let limits = Limits {
         present: [true; AXES],
         velocity: Axes::repeat(200.0),
@@ -196,17 +198,17 @@ fn process_cycles_do_not_allocate_however_they_end() {
         let has_failed = motion.failed_process().is_some();
         match scene {
             Scene::HeldAndSlowed => {
-                assert_eq!((motion.state(), has_failed), (State::Done, false));
-                assert!(states.contains(&State::Held), "never held");
+                assert_eq!((motion.state(), has_failed), (MotionState::Done, false));
+                assert!(states.contains(&MotionState::Held), "never held");
                 assert_eq!(position, Axes::zeros(), "the plan goes on where they began");
             }
             Scene::Failed => {
-                assert_eq!((motion.state(), has_failed), (State::Fault, true));
+                assert_eq!((motion.state(), has_failed), (MotionState::Fault, true));
                 assert!((10.0..13.0).contains(&position[0]), "{position}");
             }
-            Scene::Stopped => assert_eq!((motion.state(), has_failed), (State::Stopped, false)),
+            Scene::Stopped => assert_eq!((motion.state(), has_failed), (MotionState::Stopped, false)),
             Scene::BeyondLimits => {
-                assert_eq!((motion.state(), has_failed), (State::Fault, false));
+                assert_eq!((motion.state(), has_failed), (MotionState::Fault, false));
                 assert!(motion.fault().is_some(), "the guard has to object");
                 assert!((position[0] - 10.0).abs() < 2.0, "{position}");
             }

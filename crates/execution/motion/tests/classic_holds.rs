@@ -2,7 +2,7 @@
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use evolvent_machine::PlannerKind;
-use evolvent_motion::{Inputs, PlannerLag, Setpoint, State};
+use evolvent_motion::{Inputs, MotionState, PlannerLag, Setpoint};
 use evolvent_path::{Axes, Curve, Line, Move, MoveKind, PathMode};
 
 use crate::common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, limits, program, ratios};
@@ -76,7 +76,7 @@ fn a_hold_over_many_short_runs_is_one_stop() {
             let mut pair = Pair::new(&scenario);
             let at = 300 + case * 70;
             let (mut cycle, mut speed) = (0_u32, 0.0);
-            while pair.motion.state() != State::Held {
+            while pair.motion.state() != MotionState::Held {
                 pair.plan_ahead(&scenario);
                 let inputs = Inputs {
                     hold: cycle >= at,

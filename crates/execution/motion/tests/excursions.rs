@@ -5,7 +5,8 @@
 use evolvent_counting::calls;
 use evolvent_machine::Limits;
 use evolvent_motion::{
-    DrivenPath, Excursion, ExcursionEnd, Inputs, MachineState, Setpoint, State, TransferExecutor, flags,
+    DrivenPath, Excursion, ExcursionEnd, Inputs, MotionState, Setpoint, SetpointGenerator, TransferExecutor,
+    flags,
 };
 use evolvent_path::{Axes, PathMode};
 use evolvent_transfer::{AxesState, Sync, Transfer};
@@ -16,7 +17,7 @@ use crate::common::{BLEND, PLANNERS, Pair, Random, Scenario, campaign, path_erro
 struct Machine<'a> {
     scenario: &'a Scenario,
     pair: Pair,
-    station: MachineState,
+    station: SetpointGenerator,
     driven: DrivenPath,
     out: Vec<Setpoint>,
 }
@@ -24,7 +25,7 @@ struct Machine<'a> {
 impl<'a> Machine<'a> {
     fn new(scenario: &'a Scenario) -> Self {
         let mut pair = Pair::new(scenario);
-        let station = MachineState::new(
+        let station = SetpointGenerator::new(
             scenario.limits,
             scenario.period_ns,
             scenario.moves[0].curve.start(),
@@ -71,7 +72,7 @@ impl<'a> Machine<'a> {
 
     /// Until it is held.
     fn holds(&mut self) {
-        while self.pair.motion.state() != State::Held {
+        while self.pair.motion.state() != MotionState::Held {
             self.step(true, None);
             assert!(self.out.len() < 4_000_000, "no rest");
         }
@@ -343,7 +344,7 @@ fn a_moving_program_is_not_left_and_actions_bar_it() {
     let mut machine = Machine::new(&scenario);
     for _ in 0..60 {
         machine.step(false, None);
-        let stands = machine.pair.motion.state() != State::Running;
+        let stands = machine.pair.motion.state() != MotionState::Running;
         assert!(Excursion::begin(&machine.pair.motion).is_none() || stands);
     }
     // An output that is safe in a feed hold does not clear the stored path; an output of the program does.
@@ -352,7 +353,7 @@ fn a_moving_program_is_not_left_and_actions_bar_it() {
     machine.pair.motion.note_driven(&mut machine.driven, &last, true);
     assert!(machine.driven.blocks_driven() > 0);
     let running = Setpoint {
-        state: State::Running,
+        state: MotionState::Running,
         block: last.block + 1,
         ..last
     };

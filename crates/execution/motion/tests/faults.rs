@@ -3,7 +3,7 @@
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
 use evolvent_machine::{Limits, PlannerKind};
-use evolvent_motion::{Inputs, MachineState, PathExecutor, QueueClosed, State, flags, plan_queue};
+use evolvent_motion::{Inputs, MotionState, PathExecutor, QueueClosed, SetpointGenerator, flags, plan_queue};
 use evolvent_path::{AXES, Arc, Axes, Curve, Line, Move, MoveKind, PathMode, Plane, Sense};
 use evolvent_planner::{
     ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Run, ScalarLimits, Segment, SegmentMarks, Step,
@@ -219,8 +219,8 @@ fn the_guard_stops_a_plan_that_breaks_velocity() {
     let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
     let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
     let fault = motion.fault().expect("the guard has to see it");
-    assert_eq!(fault.quantity, evolvent_motion::Quantity::Velocity);
-    assert_eq!(motion.state(), State::Fault);
+    assert_eq!(fault.quantity, evolvent_motion::BrokenLimit::Velocity);
+    assert_eq!(motion.state(), MotionState::Fault);
     assert!(motion.is_over());
     // It may pass the velocity limit only while acceleration is reduced: by at most a^2 / (2 J).
     assert!(v <= 100.0 + 2000.0 * 2000.0 / 100_000.0 + 1.0, "{v}");
@@ -241,7 +241,7 @@ fn the_guard_quick_stops_when_braking_breaks_limits() {
     let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
     assert_eq!(
         motion.fault().expect("fault").quantity,
-        evolvent_motion::Quantity::Jerk
+        evolvent_motion::BrokenLimit::Jerk
     );
     assert!(motion.is_over());
     assert!(
@@ -280,7 +280,7 @@ fn an_emergency_stop_continues_a_stop_of_the_guard() {
     for moment in 1..150 {
         let mut queue = lie(&[line(0.0, 100.0), line(105.0, 200.0)], scalar, &[200.0, 0.0]);
         let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
-        let mut station = MachineState::new(limits, 1_000_000, Axes::zeros());
+        let mut station = SetpointGenerator::new(limits, 1_000_000, Axes::zeros());
         assert!(station.attach(&mut motion));
         let mut stopping = 0;
         while stopping < moment && !motion.is_over() {
@@ -291,7 +291,7 @@ fn an_emergency_stop_continues_a_stop_of_the_guard() {
         station.emergency();
         let mut periods = 0;
         while !station.is_at_rest() {
-            let _setpoint = station.rest(State::Fault);
+            let _setpoint = station.rest(MotionState::Fault);
             periods += 1;
             assert!(periods < 1000, "no end");
         }
@@ -382,10 +382,10 @@ fn the_line_at_rest_is_that_of_the_awaited_step() {
         }
     }
     let expected = [
-        (State::Running, 1, 0),
-        (State::ProgramStop, 2, 0),
-        (State::Running, 5, 1),
-        (State::Done, 6, 1),
+        (MotionState::Running, 1, 0),
+        (MotionState::ProgramStop, 2, 0),
+        (MotionState::Running, 5, 1),
+        (MotionState::Done, 6, 1),
     ];
     assert_eq!(seen, expected);
 }
@@ -393,14 +393,14 @@ fn the_line_at_rest_is_that_of_the_awaited_step() {
 /// Every axis stops on its own after the published setpoints. Returns the acceleration and jerk of X and Y as
 /// published, as multiples of their limits, and the maximum X.
 fn stopped_alone(
-    mut station: MachineState,
+    mut station: SetpointGenerator,
     mut published: Vec<Axes>,
     limits: &Limits,
     rate: f64,
 ) -> ([f64; 2], [f64; 2], f64) {
     station.emergency();
     while !station.is_at_rest() {
-        published.push(station.rest(State::Fault).position);
+        published.push(station.rest(MotionState::Fault).position);
         assert!(published.len() < 4000, "no end");
     }
     published.extend([station.position(); 3]);
@@ -450,7 +450,7 @@ fn an_emergency_stop_on_a_circle_stays_in_travel() {
         planner.push(&circle, 1, 0).expect("within the travel");
         planner.finish(2).expect("taken");
         let mut motion = PathExecutor::new(limits, period_ns, start);
-        let mut station = MachineState::new(limits, period_ns, start);
+        let mut station = SetpointGenerator::new(limits, period_ns, start);
         assert!(station.attach(&mut motion));
         let (mut most, mut least) = ([0.0_f64; 4], f64::MAX);
         let mut past = vec![start; 3];
@@ -504,7 +504,7 @@ fn other_axes_stop_when_one_axis_leaves_its_travel() {
     }
     assert_eq!(
         motion.fault().expect("fault").quantity,
-        evolvent_motion::Quantity::Travel
+        evolvent_motion::BrokenLimit::Travel
     );
     let last = published[published.len() - 1];
     assert!(published.iter().all(|position| position[0] <= 50.0 + 1e-6));

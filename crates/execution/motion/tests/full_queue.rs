@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use evolvent_machine::PlannerKind;
-use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlannerLag, Setpoint, State, plan_queue};
+use evolvent_motion::{Inputs, MotionState, PathExecutor, PlanConsumer, PlannerLag, Setpoint, plan_queue};
 use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
 use evolvent_planner::Step;
 
@@ -255,7 +255,7 @@ fn more_consecutive_stops_than_queue_slots_are_passed() {
             planner.join().expect("planner");
             assert_eq!(
                 motion.state(),
-                State::Done,
+                MotionState::Done,
                 "{kind:?}: {} cycles",
                 setpoints.len()
             );

@@ -3,7 +3,7 @@
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
 use evolvent_machine::{Limits, PlannerKind};
-use evolvent_motion::{Inputs, Setpoint, State, StoppingDistance};
+use evolvent_motion::{Inputs, MotionState, Setpoint, StoppingDistance};
 use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind};
 
 use crate::common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run};
@@ -88,7 +88,7 @@ fn hold_at(scenario: &Scenario, moment: usize, frozen: bool, what: &str) -> (Vec
             hold,
             ..Inputs::default()
         });
-        if hold && matches!(setpoint.state, State::Held | State::Done) {
+        if hold && matches!(setpoint.state, MotionState::Held | MotionState::Done) {
             rest = Some(out.len());
         }
         out.push(setpoint);

@@ -10,7 +10,7 @@ use evolvent_motion::{
     Inputs, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, plan_queue,
 };
 use evolvent_path::PathMode;
-use evolvent_planner::{PlanSink, Reply, Segment, Step};
+use evolvent_planner::{PlanSink, ReplanReply, Segment, Step};
 
 use crate::common::{Random, Scenario, campaign, forward_to_sink, scenario};
 
@@ -136,7 +136,7 @@ impl PlanSink for Interrupted {
         linked
     }
 
-    fn reply(&mut self, reply: Reply) {
+    fn reply(&mut self, reply: ReplanReply) {
         self.sink.reply(reply);
         self.interrupt(AFTER_ANSWER);
     }

@@ -1,7 +1,7 @@
 //! The invariants of motion over random programs, limits, override histories and hold moments.
 
 use evolvent_machine::PlannerKind;
-use evolvent_motion::{Inputs, State};
+use evolvent_motion::{Inputs, MotionState};
 use evolvent_path::PathMode;
 
 use crate::common::{BLEND, PLANNERS, Random, campaign, check, run, scenario};
@@ -27,7 +27,7 @@ fn every_setpoint_keeps_every_limit_and_the_path() {
             "{what}: ends at {:?}",
             last.position
         );
-        assert_eq!(last.state, State::Done);
+        assert_eq!(last.state, MotionState::Done);
         for setpoint in &setpoints {
             let motion = &scenario.moves[setpoint.block as usize];
             // The feed on a blend, and of a time-optimal plan, is bounded at stations; between them it may be
@@ -98,7 +98,7 @@ fn a_stop_at_any_moment_ends_at_rest_on_the_path() {
         });
         let what = format!("case {case} {:?}", scenario.planner);
         check(&scenario, &setpoints, &motion, 0.02, &what);
-        assert!(matches!(motion.state(), State::Stopped | State::Done));
+        assert!(matches!(motion.state(), MotionState::Stopped | MotionState::Done));
         let last = &setpoints[setpoints.len() - 1];
         assert_eq!(last.velocity.amax(), 0.0, "case {case}");
     }

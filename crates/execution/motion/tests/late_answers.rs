@@ -6,9 +6,9 @@ use std::cell::Cell;
 use std::rc::Rc;
 
 use evolvent_machine::PlannerKind;
-use evolvent_motion::{Inputs, PlanConsumer, PlanProducer, QueueClosed, Setpoint, State, plan_queue};
+use evolvent_motion::{Inputs, MotionState, PlanConsumer, PlanProducer, QueueClosed, Setpoint, plan_queue};
 use evolvent_path::{Axes, Curve, Line, Move};
-use evolvent_planner::{PlanSink, Planner, Reply, Step};
+use evolvent_planner::{PlanSink, Planner, ReplanReply, Step};
 
 use crate::common::{BLEND, Scenario, campaign, check, forward_to_sink, scenario, wave};
 
@@ -23,7 +23,7 @@ impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
 
     forward_to_sink!(segment step exit commit mark leave_open keep_place link has_capacity wait request acknowledged withdrawn reached reached_step);
 
-    fn reply(&mut self, reply: Reply) {
+    fn reply(&mut self, reply: ReplanReply) {
         match self.left.get().checked_sub(1) {
             Some(left) => self.left.set(left),
             None => self.sink.reply(reply),
@@ -77,7 +77,7 @@ fn drive_along(
         assert!(setpoints.len() < 1_000_000, "{what}: does not end");
     }
     check(scenario, &setpoints, &motion, tolerance, what);
-    assert_eq!(motion.state(), State::Done);
+    assert_eq!(motion.state(), MotionState::Done);
     setpoints
 }
 
@@ -100,7 +100,7 @@ fn a_request_answered_late_is_met_by_a_later_reply() {
             hold: (700..1000).contains(&cycle),
             ..Inputs::default()
         });
-        assert_eq!(setpoints[900].state, State::Held);
+        assert_eq!(setpoints[900].state, MotionState::Held);
     }
 }
 
@@ -129,7 +129,7 @@ fn overrides_that_were_not_met_make_no_hold_slower() {
             hold: (hold..2500).contains(&cycle),
             ..Inputs::default()
         });
-        let rest = (hold as usize..setpoints.len()).find(|&k| setpoints[k].state == State::Held);
+        let rest = (hold as usize..setpoints.len()).find(|&k| setpoints[k].state == MotionState::Held);
         rest.expect("comes to rest") - hold as usize
     };
     // Two leads at most: the request for the override is still open when the hold arrives.
@@ -139,7 +139,7 @@ fn overrides_that_were_not_met_make_no_hold_slower() {
 
 /// Periods from the last setpoint before a hold at this cycle to rest.
 fn cycles_to_rest(setpoints: &[Setpoint], hold: usize) -> usize {
-    let rest = (hold..setpoints.len()).find(|&k| setpoints[k].state == State::Held);
+    let rest = (hold..setpoints.len()).find(|&k| setpoints[k].state == MotionState::Held);
     rest.expect("comes to rest") - (hold - 1)
 }
 
@@ -197,7 +197,11 @@ fn holds_without_replies_keep_limits_and_path() {
             hold: (moment..moment + length).contains(&cycle),
             ..Inputs::default()
         });
-        held += u32::from(setpoints.iter().any(|setpoint| setpoint.state == State::Held));
+        held += u32::from(
+            setpoints
+                .iter()
+                .any(|setpoint| setpoint.state == MotionState::Held),
+        );
     }
     assert!(held > cases as u32 / 4, "only {held} of {cases} came to rest");
 }
@@ -260,7 +264,7 @@ fn a_program_ends_after_a_lost_reply_at_any_stop() {
                 setpoints.push(motion.step(&inputs, &mut queue));
                 assert!(cycle < 10_000, "{what}: does not end");
             }
-            assert_eq!(motion.state(), State::Done, "{what}");
+            assert_eq!(motion.state(), MotionState::Done, "{what}");
             let last = setpoints.last().expect("setpoints");
             assert_eq!(last.position, Axes::zeros(), "{what}");
         }

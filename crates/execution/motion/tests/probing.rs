@@ -4,8 +4,8 @@
 use evolvent_counting::calls;
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{
-    Inputs, PathExecutor, PlanConsumer, ProbeMove, ProbeResult, ProbeVerdict, Probing, ProbingSender,
-    Setpoint, State, plan_queue,
+    Inputs, MotionState, PathExecutor, PlanConsumer, ProbeMove, ProbeResult, ProbeVerdict, Probing,
+    ProbingSender, Setpoint, plan_queue,
 };
 use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::{PathLimits, PathRules, Planner, Step};
@@ -160,7 +160,7 @@ fn run(
         );
     }
     assert_eq!(motion.fault(), None);
-    assert_eq!(motion.state(), State::Done);
+    assert_eq!(motion.state(), MotionState::Done);
     let end = all.last().expect("one").position;
     assert!((end - toward_next).abs().max() < 1e-9, "{end:?}");
     consume(queue);

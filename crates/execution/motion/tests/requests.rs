@@ -3,7 +3,7 @@
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
 use evolvent_machine::PlannerKind;
-use evolvent_motion::{Inputs, Setpoint, State, flags};
+use evolvent_motion::{Inputs, MotionState, Setpoint, flags};
 use evolvent_path::{Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::Step;
 
@@ -79,10 +79,10 @@ fn a_hold_stops_in_the_least_time_after_the_lead() {
             took + period >= 0.999 * least_stop(feed),
             "{feed} mm/s: {took} s is less than the limits allow"
         );
-        assert_eq!(setpoints[until as usize - 1].state, State::Held);
+        assert_eq!(setpoints[until as usize - 1].state, MotionState::Held);
         // It continues to the end.
         let last = setpoints[setpoints.len() - 1];
-        assert!((last.position[0] - 600.0).abs() < 1e-9 && last.state == State::Done);
+        assert!((last.position[0] - 600.0).abs() < 1e-9 && last.state == MotionState::Done);
     }
 }
 
@@ -167,7 +167,7 @@ fn a_slow_planner_stops_on_the_path_and_continues() {
         }
         let what = format!("case {case}, a block every {every} cycles");
         check(&scenario, &setpoints, &pair.motion, tolerance, &what);
-        assert_eq!(pair.motion.state(), State::Done, "{what}");
+        assert_eq!(pair.motion.state(), MotionState::Done, "{what}");
         starved += setpoints.iter().filter(|s| s.flags & flags::STARVED != 0).count();
     }
     assert!(starved > 0, "the planner was never late");
@@ -246,7 +246,7 @@ fn a_hold_without_a_reply_stops_on_the_path() {
         .expect("rest");
     // The minimum is 200 mm/s over A plus A/J: 140 cycles.
     assert!(rest < 260, "{rest} cycles");
-    assert_eq!(pair.motion.state(), State::Held);
+    assert_eq!(pair.motion.state(), MotionState::Held);
     // The planner returns, and the program continues from there.
     while !pair.motion.is_over() {
         pair.plan_ahead(&scenario);
@@ -353,7 +353,7 @@ fn a_hold_before_a_dwell_continues_after_it() {
                 ..Inputs::default()
             }));
         }
-        assert_eq!(pair.motion.state(), State::Held);
+        assert_eq!(pair.motion.state(), MotionState::Held);
         places.push(setpoints[3999].position[0]);
         while !pair.motion.is_over() {
             pair.poll();

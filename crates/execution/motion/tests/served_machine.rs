@@ -4,7 +4,7 @@
 
 use evolvent_counting::calls;
 use evolvent_machine::Limits;
-use evolvent_motion::{MachineState, Setpoint, State, TransferExecutor};
+use evolvent_motion::{MotionState, Setpoint, SetpointGenerator, TransferExecutor};
 use evolvent_path::{AXES, Axes};
 use evolvent_transfer::{AxesState, Sync, Transfer};
 
@@ -99,13 +99,13 @@ fn jogs_keep_limits_and_numbers_without_allocation() {
     let seed = 0x57a7_1001;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
-    let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
+    let mut station = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
     let mut measure = Measure::default();
     let mut counted = 0;
     let (mut turns, mut stops) = (0, 0);
     for _ in 0..400 {
         for _ in 0..3 {
-            measure.observe(&station.rest(State::Idle));
+            measure.observe(&station.rest(MotionState::Idle));
         }
         let from = AxesState::at_rest(station.position());
         let mut steering = to_rest(&from, place(&mut random));
@@ -119,7 +119,7 @@ fn jogs_keep_limits_and_numbers_without_allocation() {
             counted += calls() - before;
             measure.observe(&setpoint);
             own += 1;
-            if own == turn_at && setpoint.state == State::Running {
+            if own == turn_at && setpoint.state == MotionState::Running {
                 let other = to_rest(&state_of(&setpoint), place(&mut random));
                 let before = calls();
                 assert!(station.turn(&mut steering, &other));
@@ -130,7 +130,7 @@ fn jogs_keep_limits_and_numbers_without_allocation() {
                 steering.stop();
                 stops += 1;
             }
-            if matches!(setpoint.state, State::Done | State::Stopped) {
+            if matches!(setpoint.state, MotionState::Done | MotionState::Stopped) {
                 break setpoint;
             }
             assert!(own < 20_000, "no end");
@@ -154,7 +154,7 @@ fn a_jog_stops_no_later_than_its_transfer_ends() {
     let mut random = Random::from_state(seed);
     for _ in 0..200 {
         // To the very edge of the travel: a stop must not lead beyond it.
-        let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
+        let mut station = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
         let edge = Axes::from_fn(|i, _| if i == 0 { 100.0 } else { 0.0 });
         let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), edge);
         let cycles = steering.transfer().duration_s() * 1e9 / PERIOD_NS as f64;
@@ -168,7 +168,7 @@ fn a_jog_stops_no_later_than_its_transfer_ends() {
             let setpoint = station.steer(&mut steering);
             assert!(setpoint.position[0] <= 100.0 + 1e-9);
             assert!(setpoint.velocity[0] >= -1e-9, "backwards");
-            if matches!(setpoint.state, State::Done | State::Stopped) {
+            if matches!(setpoint.state, MotionState::Done | MotionState::Stopped) {
                 break;
             }
         }
@@ -178,7 +178,7 @@ fn a_jog_stops_no_later_than_its_transfer_ends() {
 
 #[test]
 fn what_begins_elsewhere_is_not_taken_up() {
-    let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
+    let mut station = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
     let elsewhere = Axes::from_fn(|i, _| if i == 0 { 0.01 } else { 0.0 });
     let steering = to_rest(&AxesState::at_rest(elsewhere), Axes::zeros());
     assert!(!station.can_steer(&steering));
@@ -201,11 +201,11 @@ fn an_emergency_stop_stops_each_axis_within_limits() {
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
     for _ in 0..200 {
-        let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
+        let mut station = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
         let mut measure = Measure::default();
         // Differences are measured from rest on.
         for _ in 0..3 {
-            measure.observe(&station.rest(State::Idle));
+            measure.observe(&station.rest(MotionState::Idle));
         }
         let target = 0.9 * place(&mut random);
         let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), target);
@@ -216,7 +216,7 @@ fn an_emergency_stop_stops_each_axis_within_limits() {
         station.emergency();
         let mut own = 0;
         while !station.is_at_rest() {
-            measure.observe(&station.rest(State::Fault));
+            measure.observe(&station.rest(MotionState::Fault));
             own += 1;
             assert!(own < 1000, "no end");
         }
@@ -226,14 +226,14 @@ fn an_emergency_stop_stops_each_axis_within_limits() {
 
 #[test]
 fn a_new_name_for_a_place_is_no_motion() {
-    let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
-    station.rest(State::Idle);
+    let mut station = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
+    station.rest(MotionState::Idle);
     let renamed = Axes::from_fn(|i, _| if i == 1 { -55.0 } else { 0.0 });
     station.relocate(limits(), renamed);
-    let setpoint = station.rest(State::Idle);
+    let setpoint = station.rest(MotionState::Idle);
     assert_eq!((setpoint.position, setpoint.sequence), (renamed, 1));
     let mut steering = to_rest(&AxesState::at_rest(renamed), Axes::zeros());
     assert!(station.can_steer(&steering));
-    while station.steer(&mut steering).state == State::Running {}
+    while station.steer(&mut steering).state == MotionState::Running {}
     assert!(station.take_fault().is_none());
 }

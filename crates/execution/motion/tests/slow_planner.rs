@@ -6,10 +6,10 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use evolvent_motion::{
-    Inputs, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, State, flags,
+    Inputs, MotionState, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, flags,
     plan_queue,
 };
-use evolvent_planner::{PlanSink, Reply, Step};
+use evolvent_planner::{PlanSink, ReplanReply, Step};
 
 use crate::common::{Random, Scenario, WAVE_FEED_MM_S, check, forward_to_sink, wave};
 
@@ -150,7 +150,7 @@ impl PlanSink for Slow {
         }
     }
 
-    fn reply(&mut self, reply: Reply) {
+    fn reply(&mut self, reply: ReplanReply) {
         self.sink.reply(reply);
         if self.random.is_none() {
             self.cycles.borrow_mut().run_while_ready();
@@ -228,7 +228,7 @@ fn drive(
     let done = std::mem::take(&mut cycles.borrow_mut().done);
     let setpoints: Vec<Setpoint> = done.iter().map(|one| one.setpoint).collect();
     check(scenario, &setpoints, &cycles.borrow().motion, 0.02, "the wave");
-    assert_eq!(cycles.borrow().motion.state(), State::Done);
+    assert_eq!(cycles.borrow().motion.state(), MotionState::Done);
     done
 }
 

@@ -3,7 +3,7 @@
 use evolvent_machine::{MAX_ANALOG, MAX_SPINDLES, SignalKind};
 
 use crate::probe_image::ProbeImage;
-use crate::schedule::{Change, Moment};
+use crate::schedule::{OutputChange, SignalMoment};
 use crate::spindle_state::SpindleState;
 use crate::spindle_tracker::SpindleAngle;
 
@@ -33,7 +33,7 @@ impl OutputImage {
 
     /// Sets the value of an output. Numbers that do not exist are ignored. Real-time safe.
     pub fn set(&mut self, kind: SignalKind, number: u32, value: f64) {
-        let mut change = Change::at(Moment::Rest(0));
+        let mut change = OutputChange::at(SignalMoment::Rest(0));
         match kind {
             SignalKind::Digital => change.set_digital(number, value != 0.0),
             SignalKind::Analog => change.set_analog(number, value),
@@ -41,7 +41,7 @@ impl OutputImage {
         self.apply(&change);
     }
 
-    pub(crate) fn apply(&mut self, change: &Change) {
+    pub(crate) fn apply(&mut self, change: &OutputChange) {
         self.digital = self.digital & !change.off | change.on;
         for (index, value) in self.analog.iter_mut().enumerate() {
             if change.analog_mask >> index & 1 == 1 {

@@ -1,16 +1,16 @@
 //! Outputs, inputs and waits in the cycle: which output changes at which setpoint.
 //!
-//! The planner's thread schedules [`Change`]s and [`InputWait`]s through a [`Scheduler`]; the cycle executes
+//! The planner's thread schedules [`OutputChange`]s and [`InputWait`]s through a [`Scheduler`]; the cycle executes
 //! them through [`Signals`], once per setpoint. Programs come and go; outputs, inputs and their rules stay.
 //!
 //! ```
 //! use evolvent_machine::SignalSettings;
-//! use evolvent_signals::{Change, Moment, Phase, Progress, Signals, schedule};
+//! use evolvent_signals::{OutputChange, SignalMoment, Phase, Progress, Signals, schedule};
 //!
 //! let mut signals = Signals::new(&SignalSettings::default(), 2, 1_000_000);
 //! let (mut scheduler, consumer) = schedule();
 //! signals.begin_program(consumer);
-//! let mut change = Change::at(Moment::Block(3));
+//! let mut change = OutputChange::at(SignalMoment::Block(3));
 //! change.set_digital(0, true);
 //! assert!(scheduler.change(change));
 //! let before = Progress { actions: 0, blocks: 3, phase: Phase::Runs, x_mm: 0.0 };
@@ -45,7 +45,7 @@ pub use feed_law::FeedLaw;
 pub use image::{InputImage, OutputImage};
 pub use override_switches::OverrideSwitches;
 pub use probe_image::{ProbeImage, ProbeInput, ProbeState, probe_numbers};
-pub use schedule::{Change, Moment, ScheduleConsumer, Scheduler, schedule};
+pub use schedule::{OutputChange, ScheduleConsumer, Scheduler, SignalMoment, schedule};
 pub use signals::{Phase, Progress, Signals};
 pub use spindle_input::{SpindleInput, SpindleKnowledge};
 pub use spindle_state::SpindleState;

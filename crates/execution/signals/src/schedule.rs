@@ -16,7 +16,7 @@ const RESULTS: usize = 8;
 
 /// The moment from which a change takes effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Moment {
+pub enum SignalMoment {
     /// At rest, with the action of this number.
     Rest(u32),
     /// With the first setpoint of the block of this number, or of a later one.
@@ -25,9 +25,9 @@ pub enum Moment {
 
 /// A change at one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Change {
+pub struct OutputChange {
     /// The moment from which it takes effect.
-    pub moment: Moment,
+    pub moment: SignalMoment,
     /// Digital outputs to switch on.
     pub on: u64,
     /// Digital outputs to switch off.
@@ -46,10 +46,10 @@ pub struct Change {
     pub spindle: Option<SpindleTarget>,
 }
 
-impl Change {
+impl OutputChange {
     /// An empty change at this moment.
     #[must_use]
-    pub fn at(moment: Moment) -> Self {
+    pub fn at(moment: SignalMoment) -> Self {
         Self {
             moment,
             on: 0,
@@ -107,7 +107,7 @@ impl Change {
     reason = "nearly all are changes, and each is boxed"
 )]
 pub(crate) enum Scheduled {
-    Change(Change),
+    Change(OutputChange),
     Wait(InputWait),
 }
 
@@ -124,7 +124,7 @@ impl Scheduler {
     /// Schedules a change. Returns `false` if the schedule is full, which cannot happen with the sizes of a
     /// plan queue, or if the cycle's end has been dropped.
     #[must_use]
-    pub fn change(&mut self, change: Change) -> bool {
+    pub fn change(&mut self, change: OutputChange) -> bool {
         self.push(Scheduled::Change(change))
     }
 

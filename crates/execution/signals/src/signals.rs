@@ -6,7 +6,7 @@ use crate::feed_law::FeedLaw;
 use crate::image::{InputImage, OutputImage};
 use crate::override_switches::OverrideSwitches;
 use crate::probe_image::{ProbeInput, ProbeState};
-use crate::schedule::{Change, Moment, ScheduleConsumer, Scheduled};
+use crate::schedule::{OutputChange, ScheduleConsumer, Scheduled, SignalMoment};
 use crate::spindle_input::{SpindleInput, SpindleKnowledge};
 use crate::spindle_state::SpindleState;
 use crate::spindle_tracker::{SpindleMotion, SpindleTracker};
@@ -326,7 +326,7 @@ impl Signals {
     }
 
     /// Sets outputs by hand, from the next setpoint on. The moment of `change` is ignored.
-    pub fn set_by_hand(&mut self, change: &Change) {
+    pub fn set_by_hand(&mut self, change: &OutputChange) {
         self.programmed.apply(change);
     }
 
@@ -375,8 +375,8 @@ impl Signals {
             let is_waiting = self.wait.is_some() || self.go_on;
             let has_come = match schedule.ahead.peek().map(Box::as_ref) {
                 Ok(Scheduled::Change(change)) => match change.moment {
-                    Moment::Rest(action) => action < progress.actions,
-                    Moment::Block(block) => block < progress.blocks,
+                    SignalMoment::Rest(action) => action < progress.actions,
+                    SignalMoment::Block(block) => block < progress.blocks,
                 },
                 Ok(Scheduled::Wait(wait)) => wait.action < progress.actions && !is_waiting,
                 Err(_) => false,
@@ -426,12 +426,12 @@ mod tests {
         let mut signals = Signals::new(&SignalSettings::default(), 2, 1_000_000);
         let (mut scheduler, consumer) = schedule();
         signals.begin_program(consumer);
-        let change = Change {
+        let change = OutputChange {
             feed_law: Some(FeedLaw::Revolution {
                 spindle: 0,
                 speed: SpindleSpeed::Constant { rpm: 1000.0 },
             }),
-            ..Change::at(Moment::Block(3))
+            ..OutputChange::at(SignalMoment::Block(3))
         };
         assert!(!change.is_empty() && !change.sets_outputs());
         assert!(scheduler.change(change));

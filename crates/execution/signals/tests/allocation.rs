@@ -3,7 +3,7 @@
 use evolvent_counting::{CountingAllocator, calls};
 use evolvent_machine::{SignalKind, SignalSettings};
 use evolvent_signals::{
-    Awaited, Change, InputImage, InputWait, Moment, Phase, Progress, Signals, WaitMode, schedule,
+    Awaited, InputImage, InputWait, OutputChange, Phase, Progress, SignalMoment, Signals, WaitMode, schedule,
 };
 
 #[global_allocator]
@@ -16,7 +16,7 @@ fn a_full_queue_runs_in_order_without_allocation() {
     assert!(signals.begin_program(consumer).is_none());
     let blocks = 100_000;
     for block in 0..blocks {
-        let mut change = Change::at(Moment::Block(block));
+        let mut change = OutputChange::at(SignalMoment::Block(block));
         change.set_digital(block % 64, block / 64 % 2 == 0);
         change.set_analog(block % 16, f64::from(block));
         assert!(scheduler.change(change), "no room at {block}");
@@ -31,7 +31,7 @@ fn a_full_queue_runs_in_order_without_allocation() {
         timeout_cycles: 1000,
     };
     assert!(scheduler.wait(wait));
-    let mut last = Change::at(Moment::Rest(1));
+    let mut last = OutputChange::at(SignalMoment::Rest(1));
     last.set_digital(0, true);
     assert!(scheduler.change(last));
     let mut inputs = InputImage::default();

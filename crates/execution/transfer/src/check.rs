@@ -3,7 +3,7 @@
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, AxisLetter};
 
-use crate::error::{Place, Quantity, TransferError};
+use crate::error::{Quantity, TransferEnd, TransferError};
 use crate::state::{AxesState, AxisLimits, AxisState};
 use crate::track::Track;
 
@@ -22,7 +22,7 @@ pub(crate) fn entry(limits: &Limits, from: &AxesState, to: &AxesState) -> Result
         let i = axis.index();
         let start = AxisState::of(from, i);
         let target = AxisState::of(to, i);
-        for (place, state) in [(Place::Start, start), (Place::Target, target)] {
+        for (place, state) in [(TransferEnd::Start, start), (TransferEnd::Target, target)] {
             finite(axis, place, state)?;
         }
         if !limits.present[i] {
@@ -44,14 +44,14 @@ pub(crate) fn entry(limits: &Limits, from: &AxesState, to: &AxesState) -> Result
                 });
             }
         }
-        for (place, state) in [(Place::Start, start), (Place::Target, target)] {
+        for (place, state) in [(TransferEnd::Start, start), (TransferEnd::Target, target)] {
             within(limits, axis, place, state)?;
         }
     }
     Ok(())
 }
 
-fn finite(axis: AxisLetter, place: Place, state: AxisState) -> Result<(), TransferError> {
+fn finite(axis: AxisLetter, place: TransferEnd, state: AxisState) -> Result<(), TransferError> {
     for (quantity, value) in [
         (Quantity::Position, state.p),
         (Quantity::Velocity, state.v),
@@ -69,7 +69,12 @@ fn finite(axis: AxisLetter, place: Place, state: AxisState) -> Result<(), Transf
     Ok(())
 }
 
-fn within(limits: &Limits, axis: AxisLetter, place: Place, state: AxisState) -> Result<(), TransferError> {
+fn within(
+    limits: &Limits,
+    axis: AxisLetter,
+    place: TransferEnd,
+    state: AxisState,
+) -> Result<(), TransferError> {
     let i = axis.index();
     let (min, max) = (limits.travel_min[i], limits.travel_max[i]);
     // Negated so that a travel that is not a number is rejected.
@@ -102,10 +107,10 @@ fn within(limits: &Limits, axis: AxisLetter, place: Place, state: AxisState) -> 
 }
 
 /// The speed at which the acceleration can first be zero: after the start, or before the target.
-fn unavoidable_speed(place: Place, state: AxisState, jerk: f64) -> f64 {
+fn unavoidable_speed(place: TransferEnd, state: AxisState, jerk: f64) -> f64 {
     match place {
-        Place::Start => state.relaxed_speed(jerk),
-        Place::Target => AxisState { a: -state.a, ..state }.relaxed_speed(jerk),
+        TransferEnd::Start => state.relaxed_speed(jerk),
+        TransferEnd::Target => AxisState { a: -state.a, ..state }.relaxed_speed(jerk),
     }
 }
 

@@ -6,14 +6,14 @@ use evolvent_path::AxisLetter;
 
 /// Which of the two states of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum TransferEnd {
     /// Where it begins.
     Start,
     /// Where it ends.
     Target,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for TransferEnd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Start => "start",
@@ -67,7 +67,7 @@ pub enum TransferError {
         /// The axis.
         axis: AxisLetter,
         /// Start or target.
-        place: Place,
+        place: TransferEnd,
         /// Which number.
         quantity: Quantity,
         /// Its value.
@@ -88,7 +88,7 @@ pub enum TransferError {
         /// The axis.
         axis: AxisLetter,
         /// Start or target.
-        place: Place,
+        place: TransferEnd,
         /// The quantity that is too large.
         quantity: Quantity,
         /// Its value; for velocity, including the speed that the present acceleration adds.
@@ -106,7 +106,7 @@ pub enum TransferError {
         /// The axis.
         axis: AxisLetter,
         /// Start or target.
-        place: Place,
+        place: TransferEnd,
         /// The position.
         position: f64,
         /// Lowest position of the travel.
@@ -138,7 +138,7 @@ pub enum TransferError {
         /// The axis.
         axis: AxisLetter,
         /// Start or target.
-        place: Place,
+        place: TransferEnd,
         /// Velocity or acceleration.
         quantity: Quantity,
         /// The deviation.

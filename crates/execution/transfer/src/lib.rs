@@ -64,7 +64,7 @@ mod state;
 mod track;
 mod transfer;
 
-pub use error::{Place, Quantity, TransferError};
+pub use error::{Quantity, TransferEnd, TransferError};
 pub use state::{AxesState, TransferPoint};
-pub use track::{PIECES, Piece, Track};
+pub use track::{JerkSegment, PIECES, Track};
 pub use transfer::{Method, Sync, Transfer};

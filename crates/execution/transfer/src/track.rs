@@ -8,7 +8,7 @@ pub const PIECES: usize = 20;
 
 /// A piece of constant jerk from a known state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Piece {
+pub struct JerkSegment {
     /// Start time, s since the start of the transfer.
     pub start_s: f64,
     /// Duration, s.
@@ -23,7 +23,7 @@ pub struct Piece {
     pub jerk: f64,
 }
 
-impl Piece {
+impl JerkSegment {
     pub(crate) fn state(&self) -> AxisState {
         AxisState {
             p: self.position,
@@ -37,7 +37,7 @@ impl Piece {
 /// real-time cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
-    pieces: [Piece; PIECES],
+    pieces: [JerkSegment; PIECES],
     count: usize,
     end: AxisState,
     duration_s: f64,
@@ -47,7 +47,7 @@ impl Track {
     /// An axis that keeps `state` from time 0 on: an axis at rest, or the end of a completed move.
     pub(crate) fn resting(state: AxisState) -> Self {
         Self {
-            pieces: [Piece::default(); PIECES],
+            pieces: [JerkSegment::default(); PIECES],
             count: 0,
             end: state,
             duration_s: 0.0,
@@ -64,7 +64,7 @@ impl Track {
             if duration <= 0.0 {
                 continue;
             }
-            *track.pieces.get_mut(track.count)? = Piece {
+            *track.pieces.get_mut(track.count)? = JerkSegment {
                 start_s: time,
                 duration_s: duration,
                 position: state.p,
@@ -82,7 +82,7 @@ impl Track {
 
     /// The pieces in order of time; none for an axis at rest. Real-time safe.
     #[must_use]
-    pub fn pieces(&self) -> &[Piece] {
+    pub fn pieces(&self) -> &[JerkSegment] {
         self.pieces.get(..self.count).unwrap_or(&[])
     }
 

@@ -5,7 +5,7 @@ use evolvent_path::{AXES, Axes, AxisLetter};
 
 use crate::check;
 use crate::engine::{self, Units};
-use crate::error::{Place, Quantity, TransferError};
+use crate::error::{Quantity, TransferEnd, TransferError};
 use crate::fallback::{rest_to_rest, stop, stop_and_go};
 use crate::landing::{Steps, land};
 use crate::state::{AxesState, AxisLimits, AxisState, AxisTask, TransferPoint};
@@ -295,7 +295,10 @@ impl Job<'_> {
         let (from, mut to) = (state(self.from), state(self.to));
         to.p = along(&between);
         for (way, &i) in ways.iter().zip(&self.moving) {
-            for (place, line, axis) in [(Place::Start, from, self.from), (Place::Target, to, self.to)] {
+            for (place, line, axis) in [
+                (TransferEnd::Start, from, self.from),
+                (TransferEnd::Target, to, self.to),
+            ] {
                 for (quantity, off, limit) in [
                     (
                         Quantity::Velocity,

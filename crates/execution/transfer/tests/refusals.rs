@@ -4,7 +4,7 @@
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, AxisLetter};
-use evolvent_transfer::{AxesState, Method, Place, Quantity, Sync, Transfer, TransferError};
+use evolvent_transfer::{AxesState, Method, Quantity, Sync, Transfer, TransferEnd, TransferError};
 
 /// X, Y, Z: 100 mm/s, 1000 mm/s2, 20 000 mm/s3, +- 200 mm.
 fn limits() -> Limits {
@@ -52,7 +52,7 @@ fn numbers_that_are_none_are_refused_with_their_place() {
                 error,
                 TransferError::NotFinite {
                     axis: AxisLetter::Y,
-                    place: Place::Target,
+                    place: TransferEnd::Target,
                     quantity: Quantity::Acceleration,
                     ..
                 }
@@ -115,7 +115,7 @@ fn states_that_must_exceed_a_limit_are_rejected() {
         else {
             panic!("{error}");
         };
-        assert_eq!((place, named), (Place::Start, quantity));
+        assert_eq!((place, named), (TransferEnd::Start, quantity));
     }
     // The same acceleration brakes: valid at the start, impossible at the target.
     assert!(Transfer::solve(&limits(), &moving(0.0, 80.0, -1000.0), &at(50.0), Sync::Time).is_ok());
@@ -124,7 +124,7 @@ fn states_that_must_exceed_a_limit_are_rejected() {
         matches!(
             error,
             TransferError::BeyondLimit {
-                place: Place::Target,
+                place: TransferEnd::Target,
                 ..
             }
         ),
@@ -140,7 +140,7 @@ fn the_travel_is_kept_at_both_ends_and_on_the_way() {
         matches!(
             error,
             TransferError::OutsideTravel {
-                place: Place::Target,
+                place: TransferEnd::Target,
                 position,
                 ..
             } if position == 200.001
@@ -180,7 +180,7 @@ fn motion_off_the_line_is_rejected_when_straight() {
             error,
             TransferError::NotStraight {
                 axis: AxisLetter::Y,
-                place: Place::Start,
+                place: TransferEnd::Start,
                 quantity: Quantity::Velocity,
                 off,
             } if (off - 0.5).abs() < 1e-12

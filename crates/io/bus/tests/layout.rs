@@ -119,18 +119,18 @@ fn numbers_of_states_and_flags_do_not_repeat() {
 
 #[test]
 fn states_and_flags_are_those_of_the_cycle() {
-    use evolvent_motion::{State, flags};
+    use evolvent_motion::{MotionState, flags};
     let states = [
-        State::Idle,
-        State::Running,
-        State::Holding,
-        State::Held,
-        State::Stopping,
-        State::Stopped,
-        State::Dwell,
-        State::ProgramStop,
-        State::Fault,
-        State::Done,
+        MotionState::Idle,
+        MotionState::Running,
+        MotionState::Holding,
+        MotionState::Held,
+        MotionState::Stopping,
+        MotionState::Stopped,
+        MotionState::Dwell,
+        MotionState::ProgramStop,
+        MotionState::Fault,
+        MotionState::Done,
     ];
     for (state, (name, number)) in states.into_iter().zip(STATES) {
         let spelled = format!("{state:?}").to_uppercase();

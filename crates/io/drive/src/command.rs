@@ -7,7 +7,7 @@ use crate::power::PowerRequest;
 
 /// One setpoint, without the fields for displays.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Command {
+pub struct DriveSetpoint {
     /// Index of the setpoint.
     pub sequence: u64,
     /// Position, mm or degrees.
@@ -25,7 +25,7 @@ pub struct Command {
     pub switches_expected: [AxisMask; 2],
 }
 
-impl Command {
+impl DriveSetpoint {
     /// The command of a setpoint on the bus; no limit switch is expected.
     #[must_use]
     pub const fn of(setpoint: &Setpoint) -> Self {

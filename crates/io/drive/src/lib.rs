@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!            core                         bus                       bridge
-//!   Motion ── Command ──────────────── Setpoint ───────► Follower ── target ─► Cia402 ── control word ─► drive
+//!   Motion ── DriveSetpoint ──────────────── Setpoint ───────► Follower ── target ─► Cia402 ── control word ─► drive
 //!     ▲          │                                                                                         │
 //!     │     FeedbackWatch ◄──────────── Feedback ◄──────────────────────────── status word, position ──────┘
 //!     └── stop, alarm                      │
@@ -73,7 +73,7 @@ mod watch;
 pub use alarm::DriveAlarm;
 pub use brake::{Brake, BrakeState};
 pub use cia402::{Braking, CYCLIC_SYNCHRONOUS_POSITION, Cia402, DriveOrder, control};
-pub use command::Command;
+pub use command::DriveSetpoint;
 pub use drive_machine::{DriveEvents, DriveMachine, QuickStopOption};
 pub use entry::FeedbackBounds;
 pub use follower::{Follower, Rejection, Target};

@@ -4,7 +4,7 @@ use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback};
 
 use crate::alarm::DriveAlarm;
-use crate::command::Command;
+use crate::command::DriveSetpoint;
 use crate::entry::FeedbackBounds;
 use crate::power::{BridgeState, PowerRequest};
 use crate::status_word::DriveState;
@@ -190,7 +190,7 @@ impl FeedbackWatch {
     pub fn step(
         &mut self,
         now_ns: u64,
-        command: &Command,
+        command: &DriveSetpoint,
         feedback: Option<&Feedback>,
     ) -> Result<Presence, DriveAlarm> {
         self.remember(command);
@@ -292,7 +292,7 @@ impl FeedbackWatch {
     }
 
     /// Stores the setpoint.
-    fn remember(&mut self, command: &Command) {
+    fn remember(&mut self, command: &DriveSetpoint) {
         let size = self.sent.len() as u64;
         let decay = libm::exp(-(self.settings.period_ns as f64) * 1e-9 / self.settings.memory_s.max(1e-6));
         let before = self.sent[(command.sequence.wrapping_sub(1) % size) as usize];
@@ -310,7 +310,7 @@ impl FeedbackWatch {
         self.sent[(command.sequence % size) as usize] = sent;
     }
 
-    fn follow_request(&mut self, now_ns: u64, command: &Command) {
+    fn follow_request(&mut self, now_ns: u64, command: &DriveSetpoint) {
         if command.power != PowerRequest::On {
             self.phase = Phase::Off;
             self.instance = None;
@@ -380,7 +380,12 @@ impl FeedbackWatch {
     }
 
     /// Power states of the drives; enables the monitoring when all are in operation.
-    fn check_drives(&mut self, now_ns: u64, command: &Command, last: &Feedback) -> Result<(), DriveAlarm> {
+    fn check_drives(
+        &mut self,
+        now_ns: u64,
+        command: &DriveSetpoint,
+        last: &Feedback,
+    ) -> Result<(), DriveAlarm> {
         let mut waiting = None;
         for axis in self.axes() {
             if !AxisMask::from_bits(last.axes_mask).contains(axis) {
@@ -450,7 +455,7 @@ impl FeedbackWatch {
     }
 
     /// A switch stops motion towards it; the axis may move away from it.
-    fn check_switches(&self, command: &Command, last: &Feedback) -> Result<(), DriveAlarm> {
+    fn check_switches(&self, command: &DriveSetpoint, last: &Feedback) -> Result<(), DriveAlarm> {
         for axis in self.axes() {
             let velocity = command.velocity[axis];
             let positive = velocity > 0.0;
@@ -472,7 +477,7 @@ impl FeedbackWatch {
     fn check_positions(
         &mut self,
         now_ns: u64,
-        command: &Command,
+        command: &DriveSetpoint,
         last: &Feedback,
         previous: Option<&Feedback>,
     ) -> Result<bool, DriveAlarm> {

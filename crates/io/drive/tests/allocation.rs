@@ -2,8 +2,8 @@
 
 use evolvent_counting::calls;
 use evolvent_drive::{
-    Braking, Cia402, Command, DriveEvents, DriveMachine, FeedbackWatch, Follower, FollowerSettings, Gantry,
-    GantryInputs, GantrySettings, OrientationSettings, PhaseLock, PhaseSettings, PowerRequest,
+    Braking, Cia402, DriveEvents, DriveMachine, DriveSetpoint, FeedbackWatch, Follower, FollowerSettings,
+    Gantry, GantryInputs, GantrySettings, OrientationSettings, PhaseLock, PhaseSettings, PowerRequest,
     QuickStopOption, SpindleConditions, SpindleEncoder, SpindleEncoderSettings, SpindleIndex,
     SpindleOrientation, WatchSettings,
 };
@@ -95,7 +95,7 @@ fn drive_period_allocates_nothing() {
         };
         let seen = watch.step(
             now_ns,
-            &Command::of(&setpoint),
+            &DriveSetpoint::of(&setpoint),
             (cycle % 7 != 0).then_some(&feedback),
         );
         alarms += u32::from(seen.is_err());

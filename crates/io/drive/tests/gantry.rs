@@ -5,7 +5,7 @@
 #![expect(clippy::panic, reason = "helpers of tests fail as tests do")]
 
 use evolvent_drive::{
-    BridgeState, Command, DriveState, FeedbackWatch, Gantry, GantryFault, GantryInputs, GantrySettings,
+    BridgeState, DriveSetpoint, DriveState, FeedbackWatch, Gantry, GantryFault, GantryInputs, GantrySettings,
     PowerRequest, WatchSettings, is_homed, worse_status,
 };
 use evolvent_path::AxisMask;
@@ -189,7 +189,9 @@ impl Trial {
             ..Feedback::default()
         };
         if self.gantry.fault().is_none() {
-            let seen = self.watch.step(now_ns, &Command::of(&setpoint), Some(&feedback));
+            let seen = self
+                .watch
+                .step(now_ns, &DriveSetpoint::of(&setpoint), Some(&feedback));
             if let Err(alarm) = seen {
                 panic!("{alarm:?}");
             }

@@ -3,7 +3,8 @@
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_drive::{
-    BridgeState, Command, DriveAlarm, DriveState, FeedbackWatch, PowerRequest, Presence, WatchSettings, bits,
+    BridgeState, DriveAlarm, DriveSetpoint, DriveState, FeedbackWatch, PowerRequest, Presence, WatchSettings,
+    bits,
 };
 use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback};
@@ -59,9 +60,9 @@ impl Bench {
         [30.0 * (1.0 - angle.cos()), 300.0 * angle.sin()]
     }
 
-    pub(crate) fn command(&self) -> Command {
+    pub(crate) fn command(&self) -> DriveSetpoint {
         let [position, velocity] = Self::position((self.cycle as f64 - 50.0) * 1e-3);
-        let mut command = Command {
+        let mut command = DriveSetpoint {
             sequence: self.cycle,
             position: [0.0; AXES],
             velocity: [0.0; AXES],

@@ -14,10 +14,11 @@ use std::collections::VecDeque;
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Feed};
 use evolvent_timing::{
-    Entry, Exit, FeedError, Grid, MAX_INTERVALS, Optimizer, PathLimits, PathPosition, Piece, PlanSnapshot,
+    Entry, Exit, FeedError, Grid, MAX_INTERVALS, Optimizer, PathLimits, PathPosition, PlanSnapshot,
+    TimeLawPiece,
 };
 
-use crate::step::{BlockMark, PlanSink, Request, Segment, Step, TimedSegment};
+use crate::step::{BlockMark, PlanSink, ReplanRequest, Segment, Step, TimedSegment};
 use crate::validate::{ratios, slow_down};
 
 /// Maximum number of intervals of path and stops that wait for a plan (during a hold) before reading pauses.
@@ -121,7 +122,7 @@ pub(crate) struct Horizon<S> {
     limits: Limits,
     frontier: PlanFrontier,
     /// The request of the cycle that has no reply yet.
-    request: Option<Request>,
+    request: Option<ReplanRequest>,
     windows: PlannedWindows,
     rests: VecDeque<RestPoint>,
     rests_seen: u64,
@@ -132,7 +133,7 @@ pub(crate) struct Horizon<S> {
     appended: u64,
     /// Consecutive failures of windows from rest.
     failures: u32,
-    pieces: Vec<Piece>,
+    pieces: Vec<TimeLawPiece>,
     /// Stopping time per speed, and its minimum, s.
     stopping: (f64, f64),
 }
@@ -452,7 +453,7 @@ impl<S: PlanSink> Horizon<S> {
     }
 
     /// Path parameter at the start of a piece.
-    fn path_at(&self, piece: &Piece) -> f64 {
+    fn path_at(&self, piece: &TimeLawPiece) -> f64 {
         self.path.segments[(piece.segment - self.path.first) as usize].0 + piece.from
     }
 

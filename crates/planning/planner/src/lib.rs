@@ -30,7 +30,7 @@
 //! - The time-optimal planner, the default. [`PathStage`] smooths the path within the tolerance
 //!   (`evolvent-smooth`), [`TimingStage`] finds its time law (`evolvent-timing`) in windows whose tail always
 //!   ends at rest. It hands over [`TimedSegment`]s, which the cycle only evaluates. Overrides reach it as
-//!   [`Request`]s. The two stages may run in separate threads; [`Planner`] combines them.
+//!   [`ReplanRequest`]s. The two stages may run in separate threads; [`Planner`] combines them.
 //! - The classic planner, simpler and slower, the fallback. It replaces corners by quintic blends, or limits
 //!   the speed there. The axis limits become constants for `u'`, `u''` and `u'''` on every [`Run`],
 //!   consecutive segments with similar limits. On a run the motion is a jerk-limited
@@ -77,6 +77,7 @@ pub use move_validator::{MoveValidator, TRAVEL_SLACK};
 pub use path_stage::{PathItem, PathSink, PathStage};
 pub use planner::{PathRules, PlanError, Planner};
 pub use step::{
-    BlockMark, ExitSpeeds, PlanSink, Reply, Request, Run, Segment, SegmentMarks, Step, TimedSegment,
+    BlockMark, ExitSpeeds, PlanSink, ReplanReply, ReplanRequest, Run, Segment, SegmentMarks, Step,
+    TimedSegment,
 };
 pub use timing_stage::TimingStage;

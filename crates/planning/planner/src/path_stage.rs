@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use evolvent_path::{Feed, Move, MoveKind, PathMode};
-use evolvent_smooth::{Block, Output, PathSegment, Settings, Smoother, Tolerance};
+use evolvent_smooth::{Output, PathSegment, ProgramMove, Smoother, SmootherSettings, Tolerance};
 use evolvent_timing::PathLimits;
 
 use crate::planner::PathRules;
@@ -88,7 +88,7 @@ impl PathStage {
     /// Starts at rest at the beginning of the first move.
     #[must_use]
     pub fn new(limits: &PathLimits, rules: PathRules) -> Self {
-        let settings = Settings {
+        let settings = SmootherSettings {
             joint_time_s: rules.joint_time_s,
             limits: *limits.axes(),
         };
@@ -124,7 +124,7 @@ impl PathStage {
                 Tolerance::Within { mm, merge_mm }
             }
         };
-        let block = Block {
+        let block = ProgramMove {
             curve: motion.curve,
             feed_mm_s: motion.feed_mm_s,
             rapid: matches!(motion.kind, MoveKind::Rapid),

@@ -1,7 +1,7 @@
 //! The planner's output to the cycle: path segments, and steps over them.
 
 use evolvent_path::{Curve, Jet};
-use evolvent_timing::Piece;
+use evolvent_timing::TimeLawPiece;
 
 use crate::ScalarLimits;
 
@@ -134,7 +134,7 @@ impl Step {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimedSegment {
     /// The law over a part of one segment; its `segment` is the index in the order of hand-over.
-    pub piece: Piece,
+    pub piece: TimeLawPiece,
     /// Path parameter from the start of the program to the start of the piece.
     pub path: f64,
 }
@@ -164,7 +164,7 @@ pub struct BlockMark {
 
 /// A request of the cycle to the planner. At most one is open.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Request {
+pub struct ReplanRequest {
     /// Serial number, repeated in the reply.
     pub id: u64,
     /// Plan step at that position; at rest the next one. It identifies the window that the cycle executes:
@@ -189,9 +189,9 @@ pub struct Request {
     pub feed_factor: f64,
 }
 
-/// The planner's reply to a [`Request`].
+/// The planner's reply to a [`ReplanRequest`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Reply {
+pub struct ReplanReply {
     /// Serial number of the request.
     pub id: u64,
     /// First step of the new plan; `None` if no plan was found and the old one stays in force.
@@ -317,12 +317,12 @@ pub trait PlanSink {
     }
 
     /// The open request, once.
-    fn request(&mut self) -> Option<Request> {
+    fn request(&mut self) -> Option<ReplanRequest> {
         None
     }
 
     /// Replies to a request.
-    fn reply(&mut self, reply: Reply) {
+    fn reply(&mut self, reply: ReplanReply) {
         let _ = reply;
     }
 

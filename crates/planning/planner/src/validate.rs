@@ -5,7 +5,7 @@
 
 use evolvent_machine::Limits;
 use evolvent_path::AXES;
-use evolvent_timing::Piece;
+use evolvent_timing::TimeLawPiece;
 
 use crate::step::Segment;
 
@@ -57,7 +57,7 @@ impl Ratios {
 /// Maximum ratios along the pieces, the first of which starts at `(v, a)`; infinite if two pieces are not
 /// contiguous in position, speed or acceleration.
 pub(crate) fn ratios<'a>(
-    pieces: &[Piece],
+    pieces: &[TimeLawPiece],
     entry: (f64, f64),
     limits: &Limits,
     segment: impl Fn(u64) -> Option<&'a Segment>,
@@ -71,7 +71,7 @@ pub(crate) fn ratios<'a>(
     let speed = (pieces.iter().map(|piece| piece.law.at(0.0).0.v)).fold(entry.0, f64::max);
     let push = (pieces.iter().map(|piece| piece.law.at(0.0).0.a.abs())).fold(entry.1.abs(), f64::max);
     let (mut v, mut a) = entry;
-    let mut before: Option<&Piece> = None;
+    let mut before: Option<&TimeLawPiece> = None;
     for piece in pieces {
         if !before.is_none_or(|before| are_contiguous(before, piece, &segment)) {
             return broken;
@@ -120,7 +120,11 @@ pub(crate) fn ratios<'a>(
 
 /// Whether a piece starts where the previous one ends: in the same segment, or from its end to the start of a
 /// later one. Segments in between are shorter than rounding.
-fn are_contiguous<'a>(before: &Piece, piece: &Piece, segment: &impl Fn(u64) -> Option<&'a Segment>) -> bool {
+fn are_contiguous<'a>(
+    before: &TimeLawPiece,
+    piece: &TimeLawPiece,
+    segment: &impl Fn(u64) -> Option<&'a Segment>,
+) -> bool {
     let end = before.from + before.length;
     let near =
         |one: f64, other: f64| (one - other).abs() <= MAX_GAP + MAX_GAP_FRACTION * other.abs().min(1.0);
@@ -135,7 +139,7 @@ fn are_contiguous<'a>(before: &Piece, piece: &Piece, segment: &impl Fn(u64) -> O
 }
 
 /// Scales a plan from rest in time, to `factor` times the speed.
-pub(crate) fn slow_down(pieces: &mut [Piece], factor: f64) {
+pub(crate) fn slow_down(pieces: &mut [TimeLawPiece], factor: f64) {
     for piece in pieces {
         piece.duration_s /= factor;
         piece.law = piece.law.slowed_down(factor);
@@ -165,8 +169,8 @@ mod tests {
         }
     }
 
-    fn piece(law: TimeLaw, from: f64, duration: f64) -> Piece {
-        Piece {
+    fn piece(law: TimeLaw, from: f64, duration: f64) -> TimeLawPiece {
+        TimeLawPiece {
             law,
             length: law.at(duration).0.x,
             duration_s: duration,
@@ -238,7 +242,7 @@ mod tests {
         // Segment 1 is shorter than rounding and has no piece.
         let at = |number: u64| Some(if number == 1 { &tiny } else { &segment });
         let to = |from: f64, segment: u64, start: f64| {
-            let second = Piece {
+            let second = TimeLawPiece {
                 segment,
                 ..piece(cruise, start, 0.1)
             };

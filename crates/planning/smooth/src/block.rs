@@ -9,7 +9,7 @@ const MAX_TOLERANCE_MM: f64 = 100.0;
 
 /// One programmed move. It starts at the end of the previous one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Block {
+pub struct ProgramMove {
     /// The programmed curve.
     pub curve: Curve,
     /// Speed along the curve in the feed metric (mm/s; deg/s if only rotary axes move); infinite for rapids.
@@ -55,7 +55,7 @@ impl Tolerance {
 
 /// Machine settings of the smoother.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct SmootherSettings {
     /// Time in which the jerk limit compensates a step of acceleration on an exact path, s.
     pub joint_time_s: f64,
     /// Limits of the axes.

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use evolvent_path::{Axes, Curve, FeedMetric, Jet};
 
-use crate::Block;
+use crate::ProgramMove;
 
 /// One block on the path.
 #[derive(Clone, Copy, Debug)]
@@ -38,7 +38,7 @@ pub(crate) struct ProgramSegment {
 }
 
 impl ProgramSegment {
-    pub(crate) fn new(block: &Block, from: f64) -> Self {
+    pub(crate) fn new(block: &ProgramMove, from: f64) -> Self {
         let curve = block.curve;
         let jet = curve.jet(0.0);
         Self {

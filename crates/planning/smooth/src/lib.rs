@@ -1,6 +1,6 @@
 //! Smoothing: programmed blocks in, the driven path out, within the tolerance.
 //!
-//! Input: [`Block`]s, programmed curves with feed and tolerance. Output: [`Output`]s, the [`PathSegment`]s of
+//! Input: [`ProgramMove`]s, programmed curves with feed and tolerance. Output: [`Output`]s, the [`PathSegment`]s of
 //! the driven path, limits of the speed where it is not smooth, and a [`Mark`] where each block ends.
 //!
 //! A right angle, rounded within 10 um:
@@ -8,7 +8,7 @@
 //! ```
 //! use evolvent_machine::Limits;
 //! use evolvent_path::{AXES, Axes, Line};
-//! use evolvent_smooth::{Block, Settings, Smoother, Tolerance};
+//! use evolvent_smooth::{ProgramMove, SmootherSettings, Smoother, Tolerance};
 //!
 //! # let limits = Limits {
 //! #     present: [true; AXES],
@@ -19,14 +19,14 @@
 //! #     travel_max: Axes::repeat(1e3),
 //! #     home: Axes::zeros(),
 //! # };
-//! let mut smoother = Smoother::new(Settings { joint_time_s: 0.001, limits });
+//! let mut smoother = Smoother::new(SmootherSettings { joint_time_s: 0.001, limits });
 //! let (start, mut corner, mut end) = (Axes::zeros(), Axes::zeros(), Axes::zeros());
 //! (corner[0], end[0], end[1]) = (10.0, 10.0, 10.0);
 //! let mut path = Vec::new();
 //! for (from, to, line) in [(start, corner, 1), (corner, end, 2)] {
 //!     let curve = Line::new(from, to).unwrap().into();
 //!     let tolerance = Tolerance::Within { mm: 0.01, merge_mm: 0.0 };
-//!     smoother.push(&Block { curve, feed_mm_s: 50.0, rapid: false, tolerance, line, block: line }, &mut path);
+//!     smoother.push(&ProgramMove { curve, feed_mm_s: 50.0, rapid: false, tolerance, line, block: line }, &mut path);
 //! }
 //! smoother.rest(&mut path);
 //! assert!(smoother.deviation_mm() > 0.0 && smoother.deviation_mm() <= 0.01);
@@ -77,6 +77,6 @@ mod weights;
 mod zone;
 mod zone_solver;
 
-pub use block::{Block, Settings, Tolerance};
+pub use block::{ProgramMove, SmootherSettings, Tolerance};
 pub use output::{Mark, Output, PathSegment};
 pub use smoother::Smoother;

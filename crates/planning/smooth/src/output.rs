@@ -34,7 +34,7 @@ pub struct PathSegment {
     pub from: f64,
     /// Parameter length of the segment.
     pub length: f64,
-    /// Programmed feed as in [`crate::Block::feed_mm_s`].
+    /// Programmed feed as in [`crate::ProgramMove::feed_mm_s`].
     pub feed_mm_s: f64,
     /// The axes of the block to which the feed refers.
     pub metric: FeedMetric,

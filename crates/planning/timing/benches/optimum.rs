@@ -13,7 +13,7 @@ mod oracle;
 
 use common::{Path, axes, circle, helix, involute, point, relaxation, square, turned};
 use evolvent_path::{Arc, Axes, Blend, Curve, Line, Plane, Sense};
-use evolvent_timing::{Entry, Exit, Grid, MAX_INTERVALS, Optimizer, PathPosition, Piece};
+use evolvent_timing::{Entry, Exit, Grid, MAX_INTERVALS, Optimizer, PathPosition, TimeLawPiece};
 use evolvent_verifier::butterfly_point;
 
 /// Minimum number of stations of the other method per curve.
@@ -198,7 +198,7 @@ fn butterfly(chords: u32, degrees: f64) -> Path {
 
 /// Duration of one plan over the whole path, its stations and steps. `None` also if it needs more than one
 /// window.
-fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, u32, Vec<Piece>)> {
+fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, u32, Vec<TimeLawPiece>)> {
     let limits = relaxation(*limits);
     let mut grid = Grid::new(&limits);
     path.push_to(&mut grid);
@@ -212,11 +212,11 @@ fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, 
 
 /// Duration in a receding horizon of [`MAX_INTERVALS`] that commits half of it, as the planner of programs
 /// does.
-fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, Vec<Piece>)> {
+fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, Vec<TimeLawPiece>)> {
     let limits = relaxation(*limits);
     let mut grid = Grid::new(&limits);
     path.push_to(&mut grid);
-    let (mut optimizer, mut out) = (Optimizer::new(&limits), Vec::<Piece>::new());
+    let (mut optimizer, mut out) = (Optimizer::new(&limits), Vec::<TimeLawPiece>::new());
     let (mut place, mut entry, mut done) = (PathPosition { interval: 0, x: 0.0 }, Entry::Rest, Vec::new());
     let window = MAX_INTERVALS as u64;
     loop {

@@ -6,7 +6,7 @@ use crate::cell::Point;
 use crate::change::{ScalarLimits, ScalarState};
 use crate::grid::{Grid, PathPosition};
 use crate::limits::PathLimits;
-use crate::piece::{Piece, Ratios};
+use crate::piece::{Ratios, TimeLawPiece};
 use crate::profile::Profile;
 use crate::time_law::TimeLaw;
 
@@ -213,7 +213,7 @@ pub(crate) fn write(
     from: PathPosition,
     until: u64,
     profile: &Profile,
-    out: &mut Vec<Piece>,
+    out: &mut Vec<TimeLawPiece>,
 ) -> bool {
     pieces(grid, from, until, profile, |piece| {
         out.push(*piece);
@@ -228,7 +228,7 @@ fn pieces(
     from: PathPosition,
     until: u64,
     profile: &Profile,
-    mut visit: impl FnMut(&Piece) -> bool,
+    mut visit: impl FnMut(&TimeLawPiece) -> bool,
 ) -> bool {
     let mut place = from;
     for (start, duration, j) in profile.phase_states() {
@@ -252,7 +252,7 @@ fn pieces(
             };
             let length = if leaves { known_length } else { reach };
             if length > 0.0 {
-                let piece = Piece {
+                let piece = TimeLawPiece {
                     law,
                     length,
                     duration_s: t,

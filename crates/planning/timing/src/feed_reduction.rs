@@ -8,7 +8,7 @@
 use crate::closed_form;
 use crate::grid::PathPosition;
 use crate::optimizer::{Optimizer, WindowProblem};
-use crate::piece::Piece;
+use crate::piece::TimeLawPiece;
 use crate::solver::MU_FROM_REST;
 use crate::spans;
 use crate::start;
@@ -26,7 +26,11 @@ impl Optimizer {
     /// Plans a deceleration to a feed below the present speed, which is written to `out`, and the motion
     /// after it. `None` if the speed is not above the feed, or if this method fails. Returns the final
     /// barrier parameter.
-    pub(crate) fn reduce_feed(&mut self, problem: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<f64> {
+    pub(crate) fn reduce_feed(
+        &mut self,
+        problem: &WindowProblem<'_>,
+        out: &mut Vec<TimeLawPiece>,
+    ) -> Option<f64> {
         let WindowProblem {
             grid,
             from,
@@ -62,7 +66,7 @@ impl Optimizer {
         &mut self,
         problem: &WindowProblem<'_>,
         speed: f64,
-        out: &mut Vec<Piece>,
+        out: &mut Vec<TimeLawPiece>,
     ) -> Option<f64> {
         let WindowProblem {
             grid,

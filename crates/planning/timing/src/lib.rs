@@ -1,7 +1,7 @@
 //! The time law along a known path: the path parameter as a function of time under the limits of every axis.
 //!
 //! Input: a path as a chain of segments of curves with feed words, and the limits of the axes. Output:
-//! [`Piece`]s, each a [`TimeLaw`] that the cycle evaluates.
+//! [`TimeLawPiece`]s, each a [`TimeLaw`] that the cycle evaluates.
 //!
 //! 100 mm from rest to rest, at 100 mm/s, 1000 mm/s2 and 20 000 mm/s3, in closed form:
 //!
@@ -45,7 +45,7 @@
 //!
 //! # Guarantees
 //!
-//! [`TimeLaw`], [`Piece`] and [`Profile`] are real-time safe; everything else is for the planner's thread.
+//! [`TimeLaw`], [`TimeLawPiece`] and [`Profile`] are real-time safe; everything else is for the planner's thread.
 //! The work of a plan is bounded by a number of Newton steps. Plans are checked between stations: ratios to
 //! the limits are at most 1.0008 (velocity, acceleration) and 1.012 (jerk). Results depend on the sequence of
 //! calls only.
@@ -84,7 +84,7 @@ pub use error::FeedError;
 pub use grid::{Grid, PathPosition};
 pub use limits::{DerivativeBounds, PathLimits, append_cells};
 pub use optimizer::{MAX_INTERVALS, Optimizer};
-pub use piece::{Entry, Exit, Piece, PlanReport, Ratios};
+pub use piece::{Entry, Exit, PlanReport, Ratios, TimeLawPiece};
 pub use profile::{Outcome, Profile};
 pub use reach::{monotone_reachable_speed, reachable_speed};
 pub use snapshot::PlanSnapshot;

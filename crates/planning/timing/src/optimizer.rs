@@ -4,7 +4,7 @@ use crate::check::{Checked, check as check_between};
 use crate::error::FeedError;
 use crate::grid::{Grid, PathPosition};
 use crate::limits::PathLimits;
-use crate::piece::{Entry, Exit, Piece, PlanReport, Ratios};
+use crate::piece::{Entry, Exit, PlanReport, Ratios, TimeLawPiece};
 use crate::solver::{MU_FROM_REST, Solver};
 use crate::spans;
 use crate::start;
@@ -128,7 +128,7 @@ impl Optimizer {
         until: u64,
         exit: Exit,
         feed_factor: f64,
-        out: &mut Vec<Piece>,
+        out: &mut Vec<TimeLawPiece>,
     ) -> Result<PlanReport, FeedError> {
         out.clear();
         let (v, a) = match entry {
@@ -293,7 +293,7 @@ impl Optimizer {
     }
 
     /// Writes the iterate as pieces.
-    pub(crate) fn write(&self, out: &mut Vec<Piece>) {
+    pub(crate) fn write(&self, out: &mut Vec<TimeLawPiece>) {
         let (window, x) = (&self.window, &self.solver.x);
         let n = window.n();
         let lead = usize::from(window.from_rest);
@@ -330,7 +330,7 @@ impl Optimizer {
                 };
                 (law, law.duration(length))
             };
-            out.push(Piece {
+            out.push(TimeLawPiece {
                 law,
                 length,
                 duration_s: duration,

@@ -4,7 +4,7 @@ use crate::time_law::TimeLaw;
 
 /// A part of the time law, contiguous with its neighbours; the last one ends at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Piece {
+pub struct TimeLawPiece {
     /// The parameter as a function of time.
     pub law: TimeLaw,
     /// Length in parameter units.

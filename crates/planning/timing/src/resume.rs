@@ -5,7 +5,7 @@ use crate::check::WEIGHT_FACTOR;
 use crate::closed_form;
 use crate::grid::PathPosition;
 use crate::optimizer::{MAX_SPANS, Optimizer, WindowProblem};
-use crate::piece::Piece;
+use crate::piece::TimeLawPiece;
 use crate::solver::MU_WARM;
 use crate::spans;
 use crate::start;
@@ -48,7 +48,11 @@ struct Remainder {
 impl Optimizer {
     /// Plans a continuation of the last plan. Returns the final barrier parameter; NaN if nothing remained to
     /// be planned and `out` is complete.
-    pub(crate) fn continue_from(&mut self, problem: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<f64> {
+    pub(crate) fn continue_from(
+        &mut self,
+        problem: &WindowProblem<'_>,
+        out: &mut Vec<TimeLawPiece>,
+    ) -> Option<f64> {
         if let Some(gap) = self.reduce_feed(problem, out) {
             return Some(gap);
         }
@@ -62,7 +66,11 @@ impl Optimizer {
     /// Sets window and iterate to the remainder of the last plan from a position on, and to a slow motion on
     /// the new path. The remainder of a first stub is written to `out` at once. Returns false if nothing
     /// remains to be planned.
-    pub(crate) fn resume(&mut self, problem: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<bool> {
+    pub(crate) fn resume(
+        &mut self,
+        problem: &WindowProblem<'_>,
+        out: &mut Vec<TimeLawPiece>,
+    ) -> Option<bool> {
         let found = self
             .last_plan
             .find(problem.grid, problem.from, problem.state.0, problem.state.1)?;
@@ -108,14 +116,19 @@ impl Optimizer {
     }
 
     /// The piece to rest from offset `x`, if only a part of the last stub remains.
-    fn remainder_of_last_stub(&self, problem: &WindowProblem<'_>, last: &Span, x: f64) -> Option<Piece> {
+    fn remainder_of_last_stub(
+        &self,
+        problem: &WindowProblem<'_>,
+        last: &Span,
+        x: f64,
+    ) -> Option<TimeLawPiece> {
         let cell = problem.grid.cell(last.interval)?;
         // The stub's own jerk up to its end: exact even for a tiny remainder.
         let (v, a) = problem.state;
         let whole = 3.0 * last.length / self.last_plan.last_a.sqrt();
         let j = 6.0 * last.length / (whole * whole * whole);
         let duration = -a / j;
-        Some(Piece {
+        Some(TimeLawPiece {
             law: TimeLaw::ConstantJerk { v, a, j },
             length: last.length - x,
             duration_s: duration,
@@ -132,7 +145,7 @@ impl Optimizer {
         problem: &WindowProblem<'_>,
         found: ResumePoint,
         last: &Span,
-        out: &mut Vec<Piece>,
+        out: &mut Vec<TimeLawPiece>,
     ) -> Option<Remainder> {
         let whole = |state| Remainder {
             stub: *last,
@@ -172,7 +185,7 @@ impl Optimizer {
     }
 
     /// The remainder of the first stub from offset `x`.
-    fn remainder_of_first_stub(&self, problem: &WindowProblem<'_>, x: f64) -> Option<Piece> {
+    fn remainder_of_first_stub(&self, problem: &WindowProblem<'_>, x: f64) -> Option<TimeLawPiece> {
         let span = self.last_plan.first?;
         let end = self.last_plan.solved_spans.first()?;
         let cell = problem.grid.cell(span.interval)?;
@@ -180,7 +193,7 @@ impl Optimizer {
         let j = 6.0 * span.length / (whole * whole * whole);
         let fraction = libm::cbrt(x / span.length);
         let t = fraction * whole;
-        Some(Piece {
+        Some(TimeLawPiece {
             law: TimeLaw::ConstantJerk {
                 v: 0.5 * j * t * t,
                 a: j * t,
@@ -415,9 +428,9 @@ impl Optimizer {
 }
 
 /// The remainder of a piece from time `t`.
-fn remainder_of_piece(piece: &Piece, t: f64) -> Piece {
+fn remainder_of_piece(piece: &TimeLawPiece, t: f64) -> TimeLawPiece {
     let (now, jerk) = piece.law.at(t);
-    Piece {
+    TimeLawPiece {
         law: TimeLaw::ConstantJerk {
             v: now.v,
             a: now.a,

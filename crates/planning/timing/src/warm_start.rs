@@ -2,7 +2,7 @@
 
 use crate::barrier::Iterate;
 use crate::grid::{Grid, PathPosition};
-use crate::piece::Piece;
+use crate::piece::TimeLawPiece;
 use crate::window::{Span, Window};
 
 /// Permitted relative difference between a given state and that of the last plan at the position.
@@ -66,7 +66,7 @@ pub(crate) struct WarmStart {
     pub(crate) solved_spans: Vec<SolvedSpan>,
     /// Pieces in closed form before the segments: a deceleration to a reduced feed, or the remainder of a
     /// first stub.
-    pub(crate) head: Vec<Piece>,
+    pub(crate) head: Vec<TimeLawPiece>,
     /// The stub before the segments, if any.
     pub(crate) first: Option<Span>,
     /// The stub after them.
@@ -128,7 +128,14 @@ impl WarmStart {
     }
 
     /// Stores a plan; `head` contains the pieces before its window.
-    pub(crate) fn keep(&mut self, head: &[Piece], window: &Window, x: &Iterate, until: u64, factor: f64) {
+    pub(crate) fn keep(
+        &mut self,
+        head: &[TimeLawPiece],
+        window: &Window,
+        x: &Iterate,
+        until: u64,
+        factor: f64,
+    ) {
         let n = window.n();
         self.head.clear();
         self.head.extend_from_slice(head);

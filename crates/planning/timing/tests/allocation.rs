@@ -2,12 +2,12 @@
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
 use evolvent_counting::allocations;
-use evolvent_timing::{Entry, Exit, Grid, Optimizer, PathPosition, Piece};
+use evolvent_timing::{Entry, Exit, Grid, Optimizer, PathPosition, TimeLawPiece};
 
 use crate::common::{axes, relaxation, square};
 
 /// A plan from rest, its continuation at a reduced feed, and a stop.
-fn round(grid: &Grid, optimizer: &mut Optimizer, out: &mut Vec<Piece>) {
+fn round(grid: &Grid, optimizer: &mut Optimizer, out: &mut Vec<TimeLawPiece>) {
     let start = PathPosition { interval: 0, x: 0.0 };
     optimizer
         .plan(grid, start, Entry::Rest, 40, Exit::Open, 1.0, out)

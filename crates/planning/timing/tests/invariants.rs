@@ -9,7 +9,7 @@
 )]
 
 use evolvent_machine::Limits;
-use evolvent_timing::{Entry, Exit, FeedError, Grid, MAX_INTERVALS, Optimizer, PathPosition, Piece};
+use evolvent_timing::{Entry, Exit, FeedError, Grid, MAX_INTERVALS, Optimizer, PathPosition, TimeLawPiece};
 
 use crate::common::{Path, Player, Random, assert_chained, axes, measure_all, point, relaxation};
 
@@ -72,8 +72,8 @@ fn random_path(random: &mut Random) -> Path {
 struct Run<'a> {
     grid: &'a Grid,
     optimizer: Optimizer,
-    done: Vec<Piece>,
-    plan: Vec<Piece>,
+    done: Vec<TimeLawPiece>,
+    plan: Vec<TimeLawPiece>,
 }
 
 impl Run<'_> {
@@ -84,7 +84,7 @@ impl Run<'_> {
             if time < piece.duration_s {
                 let state = piece.law.at(time).0;
                 let (_, begin) = self.grid.segment_of(piece.interval)?;
-                self.done.push(Piece {
+                self.done.push(TimeLawPiece {
                     length: state.x,
                     duration_s: time,
                     ..piece
@@ -260,7 +260,7 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, max_steps: Option<f64>) -> (
 }
 
 /// The remainder of a plan after a time.
-fn rest_of(plan: &[Piece], mut time: f64) -> Vec<Piece> {
+fn rest_of(plan: &[TimeLawPiece], mut time: f64) -> Vec<TimeLawPiece> {
     let mut out = Vec::new();
     for piece in plan {
         if time >= piece.duration_s {

@@ -1,7 +1,7 @@
 //! The same calls give the same results, bit for bit.
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-use evolvent_timing::{Entry, Exit, FeedError, Grid, Optimizer, PathPosition, Piece};
+use evolvent_timing::{Entry, Exit, FeedError, Grid, Optimizer, PathPosition, TimeLawPiece};
 
 use crate::common::{Path, axes, relaxation, square};
 
@@ -15,7 +15,7 @@ fn grid(path: &Path) -> (Grid, Optimizer) {
 }
 
 /// A plan from rest over 40 intervals, and its continuation from the middle over 30 more.
-fn two(grid: &Grid, optimizer: &mut Optimizer) -> (Vec<Piece>, Vec<Piece>) {
+fn two(grid: &Grid, optimizer: &mut Optimizer) -> (Vec<TimeLawPiece>, Vec<TimeLawPiece>) {
     let (mut first, mut second) = (Vec::new(), Vec::new());
     optimizer
         .plan(grid, START, Entry::Rest, 40, Exit::Open, 1.0, &mut first)
@@ -27,7 +27,7 @@ fn two(grid: &Grid, optimizer: &mut Optimizer) -> (Vec<Piece>, Vec<Piece>) {
     (first, second)
 }
 
-fn middle(grid: &Grid, plan: &[Piece]) -> (PathPosition, Entry) {
+fn middle(grid: &Grid, plan: &[TimeLawPiece]) -> (PathPosition, Entry) {
     let piece = plan[plan.len() / 2];
     let state = piece.law.at(0.0).0;
     let (_, begin) = grid.segment_of(piece.interval).expect("known");

@@ -16,9 +16,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use evolvent_chatter::{
-    Accuracy, CuttingTool, Integrator, MapCell, Mapper, Model, PrincipalAxis, State, Verdict,
+    Accuracy, CuttingTool, Integrator, MapCell, Mapper, Model, PrincipalAxis, StabilityVerdict, State,
 };
-use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
+use evolvent_cutting::{ForceLaw, LawDefinition, ToolAngles};
 
 const COUNT: usize = 100;
 /// Columns that one thread computes together.
@@ -27,7 +27,7 @@ const STRIP: usize = 25;
 const LONGEST_S: f64 = 3.0;
 
 fn main() {
-    let angles = Tool {
+    let angles = ToolAngles {
         rake_deg: 10.0,
         lead_deg: 60.0,
     };
@@ -100,10 +100,10 @@ fn map(law: &ForceLaw, ratio: f64) {
     );
     println!(
         "  {} stable, {} bistable, {} vibrate, {} out of the model",
-        count(Verdict::Stable),
-        count(Verdict::Bistable),
-        count(Verdict::SelfExcited),
-        count(Verdict::OutOfModel)
+        count(StabilityVerdict::Stable),
+        count(StabilityVerdict::Bistable),
+        count(StabilityVerdict::SelfExcited),
+        count(StabilityVerdict::OutOfModel)
     );
     compare(law, ratio);
 }
@@ -147,9 +147,9 @@ fn compare(law: &ForceLaw, ratio: f64) {
 }
 
 /// Verdict and amplitude (of V2, the largest settled one) from a small and a large disturbance.
-fn integrated(model: &Model<'_>) -> Option<(Verdict, f64)> {
+fn integrated(model: &Model<'_>) -> Option<(StabilityVerdict, f64)> {
     let Ok(rest) = model.equilibrium() else {
-        return Some((Verdict::OutOfModel, 0.0));
+        return Some((StabilityVerdict::OutOfModel, 0.0));
     };
     let tool = model.tool();
     let largest = 0.9 * (tool.speed_m_min - tool.floor_m_min) / 60.0;
@@ -157,10 +157,10 @@ fn integrated(model: &Model<'_>) -> Option<(Verdict, f64)> {
     let large = follow(model, rest.deflection_m, largest);
     match (small, large) {
         (Outcome::Unfinished, _) | (Outcome::Died, Outcome::Unfinished) => None,
-        (Outcome::Lost, _) | (Outcome::Died, Outcome::Lost) => Some((Verdict::OutOfModel, 0.0)),
-        (Outcome::Settled(amplitude), _) => Some((Verdict::SelfExcited, amplitude)),
-        (Outcome::Died, Outcome::Settled(amplitude)) => Some((Verdict::Bistable, amplitude)),
-        (Outcome::Died, Outcome::Died) => Some((Verdict::Stable, 0.0)),
+        (Outcome::Lost, _) | (Outcome::Died, Outcome::Lost) => Some((StabilityVerdict::OutOfModel, 0.0)),
+        (Outcome::Settled(amplitude), _) => Some((StabilityVerdict::SelfExcited, amplitude)),
+        (Outcome::Died, Outcome::Settled(amplitude)) => Some((StabilityVerdict::Bistable, amplitude)),
+        (Outcome::Died, Outcome::Died) => Some((StabilityVerdict::Stable, 0.0)),
     }
 }
 

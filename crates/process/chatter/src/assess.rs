@@ -12,7 +12,7 @@ use crate::error::ChatterError;
 use crate::floquet::{Verified, report, shoot, verify};
 use crate::model::{CuttingTool, Equilibrium, Model, State};
 use crate::scan::{Branch, Prediction, Scanner};
-use crate::transient::{Fate, Follower};
+use crate::transient::{Fate, TransientFollower};
 
 /// Relative difference in amplitude from which a prediction has converged to another cycle: predictions with
 /// five harmonics and loss of contact are off by 5e-3, with one harmonic by up to 0.1.
@@ -33,7 +33,7 @@ const SMALL: f64 = 0.02;
 
 /// The prediction for a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum StabilityVerdict {
     /// Every disturbance within the model dies out.
     Stable,
     /// The cut is steady, but a disturbance beyond the unstable cycle grows to a lasting vibration.
@@ -45,7 +45,7 @@ pub enum Verdict {
     OutOfModel,
 }
 
-impl Verdict {
+impl StabilityVerdict {
     /// Its name in reports.
     #[must_use]
     pub fn as_str(self) -> &'static str {
@@ -109,7 +109,7 @@ pub struct DroppedCycle {
 pub struct Disturbance {
     /// Its initial state.
     pub start: State,
-    /// Its size, m/s, by [`Follower::size_m_s`].
+    /// Its size, m/s, by [`TransientFollower::size_m_s`].
     pub size_m_s: f64,
     /// Whether it shows the behaviour of the undisturbed cut.
     pub is_small: bool,
@@ -131,7 +131,7 @@ pub struct Assessment {
     /// Disturbances that were followed.
     pub disturbances: Vec<Disturbance>,
     /// The verdict.
-    pub verdict: Verdict,
+    pub verdict: StabilityVerdict,
 }
 
 impl Assessment {
@@ -218,7 +218,7 @@ impl Assessor {
         }
         let unstable = assessment.cycles.iter().any(|known| !known.verified.stable());
         if let (Some(open), false) = (open, unstable) {
-            let follower = Follower::new(*model, &assessment.equilibrium);
+            let follower = TransientFollower::new(*model, &assessment.equilibrium);
             if let Some(found) = open.border(&follower) {
                 assessment.add(model, found, None, FoundBy::Disturbance);
             }
@@ -257,7 +257,7 @@ impl Assessor {
         stable: &[Verified],
         motions: &[State],
     ) -> Vec<Fate> {
-        let mut follower = Follower::new(*model, rest).hasty();
+        let mut follower = TransientFollower::new(*model, rest).hasty();
         for cycle in stable {
             follower.add_stable_cycle(cycle);
         }
@@ -322,7 +322,7 @@ fn verified(model: &Model<'_>, prediction: Prediction) -> Assessment {
         cycles: Vec::new(),
         dropped: Vec::new(),
         disturbances: Vec::new(),
-        verdict: Verdict::OutOfModel,
+        verdict: StabilityVerdict::OutOfModel,
     };
     for cycle in prediction.branches.iter().flat_map(|branch| &branch.cycles) {
         let reason = match verify(model, cycle, 1e-8) {
@@ -356,7 +356,7 @@ fn verified(model: &Model<'_>, prediction: Prediction) -> Assessment {
 /// direction with different fates, if the motion between them is unknown.
 fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
     let mut open = None;
-    let mut follower = Follower::new(*model, &assessment.equilibrium);
+    let mut follower = TransientFollower::new(*model, &assessment.equilibrium);
     for known in assessment.cycles.iter().filter(|known| known.verified.stable()) {
         follower.add_stable_cycle(&known.verified);
     }
@@ -411,7 +411,7 @@ fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
 
 /// The fate of a disturbance that is a fraction of a direction, or of the largest smaller one that begins
 /// within the model.
-fn fate_within(follower: &Follower<'_>, rest: State, direction: State, first: f64) -> (f64, Fate) {
+fn fate_within(follower: &TransientFollower<'_>, rest: State, direction: State, first: f64) -> (f64, Fate) {
     let mut part = first;
     loop {
         match follower.fate(rest + direction * part) {
@@ -425,7 +425,7 @@ fn fate_within(follower: &Follower<'_>, rest: State, direction: State, first: f6
 
 /// Disturbances that just keep the speed above the floor: impulses along both principal axes, along the
 /// cutting speed, and across it.
-fn directions(model: &Model<'_>, follower: &Follower<'_>) -> Vec<State> {
+fn directions(model: &Model<'_>, follower: &TransientFollower<'_>) -> Vec<State> {
     let (cos, sin) = model.machine_axes(1.0, 0.0);
     let along = |v1: f64, v2: f64| {
         let (_, z) = model.machine_axes(v1, v2);
@@ -451,7 +451,7 @@ struct Between {
 impl Between {
     /// The unstable cycle between the two, by bisection: close to the border the motion lingers near the
     /// cycle before it departs.
-    fn border(&self, follower: &Follower<'_>) -> Option<Verified> {
+    fn border(&self, follower: &TransientFollower<'_>) -> Option<Verified> {
         let (mut low, mut high) = (self.dies, self.stays);
         let mut calmest = None;
         for _ in 0..12 {
@@ -467,7 +467,7 @@ impl Between {
     }
 }
 
-fn verdict(assessment: &Assessment) -> Verdict {
+fn verdict(assessment: &Assessment) -> StabilityVerdict {
     let grows = assessment.equilibrium.growth_per_s() > 0.0;
     let stable_cycle = assessment.cycles.iter().any(|known| known.verified.stable());
     let fates = || assessment.disturbances.iter().map(|kick| &kick.fate);
@@ -476,9 +476,9 @@ fn verdict(assessment: &Assessment) -> Verdict {
         // An unstable cycle is the border to a motion that does not die out.
         let all_die = fates().all(|fate| *fate == Fate::DiesOut) && assessment.cycles.is_empty();
         return match (lasts, all_die && !assessment.is_in_doubt()) {
-            (true, _) => Verdict::Bistable,
-            (false, true) => Verdict::Stable,
-            (false, false) => Verdict::OutOfModel,
+            (true, _) => StabilityVerdict::Bistable,
+            (false, true) => StabilityVerdict::Stable,
+            (false, false) => StabilityVerdict::OutOfModel,
         };
     }
     // The behaviour of the undisturbed cut.
@@ -490,8 +490,8 @@ fn verdict(assessment: &Assessment) -> Verdict {
             .map(|kick| &kick.fate)
     };
     if !lasts || small().any(|fate| *fate == Fate::Leaves) {
-        Verdict::OutOfModel
+        StabilityVerdict::OutOfModel
     } else {
-        Verdict::SelfExcited
+        StabilityVerdict::SelfExcited
     }
 }

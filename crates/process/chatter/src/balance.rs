@@ -506,7 +506,7 @@ fn row(n: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use evolvent_cutting::{LawDefinition, Tool};
+    use evolvent_cutting::{LawDefinition, ToolAngles};
 
     use super::*;
     use crate::model::{CuttingTool, PrincipalAxis};
@@ -519,7 +519,7 @@ mod tests {
 
     #[test]
     fn the_jacobian_is_the_derivative_of_the_residual() {
-        let geometry = Tool {
+        let geometry = ToolAngles {
             rake_deg: 10.0,
             lead_deg: 60.0,
         };

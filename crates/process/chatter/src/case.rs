@@ -1,7 +1,7 @@
 //! A case, read from a file and checked.
 
 use evolvent_config::{ConfigDocument, ConfigError};
-use evolvent_cutting::{LawDefinition, Tool};
+use evolvent_cutting::{LawDefinition, ToolAngles};
 
 use crate::case_file::{
     AxisFile, CaseFile, DirectionWord, ForceFile, LobesFile, MapFile, MillingFile, ModeFile, SweepFile,
@@ -48,7 +48,7 @@ pub struct OscillationCase {
     /// Source of the force law.
     pub law: LawSource,
     /// The tool's angles.
-    pub angles: Tool,
+    pub angles: ToolAngles,
     /// Py / Pz, if the file gives it.
     pub radial_ratio: Option<f64>,
     /// Source of the law of the radial force, if it has its own.
@@ -219,7 +219,7 @@ impl Reader<'_> {
         };
         Ok(OscillationCase {
             law,
-            angles: Tool {
+            angles: ToolAngles {
                 rake_deg: force.rake_deg,
                 lead_deg: force.lead_deg,
             },

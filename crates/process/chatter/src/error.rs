@@ -5,7 +5,7 @@ use evolvent_cutting::ForceError;
 use thiserror::Error;
 
 /// Why a case cannot be computed. A result that the model cannot give is not an error: see
-/// [`crate::Verdict`].
+/// [`crate::StabilityVerdict`].
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum ChatterError {
     /// A number is not finite or out of range.

@@ -4,9 +4,9 @@
 //!
 //! **Self-oscillation** of a tool on two springs, in a force that falls with the speed and couples two
 //! directions. A [`CuttingTool`] and a force law make a [`Model`]. An [`Assessor`] combines all methods into
-//! an [`Assessment`] with the limit cycles and a [`Verdict`]. [`Scanner::scan`] finds the steady cut, the
+//! an [`Assessment`] with the limit cycles and a [`StabilityVerdict`]. [`Scanner::scan`] finds the steady cut, the
 //! growth of small vibrations, and cycles, stable or not, by harmonic balance along branches. [`verify`]
-//! integrates a cycle in time and gives its Floquet multipliers. A [`Follower`] follows disturbances in time.
+//! integrates a cycle in time and gives its Floquet multipliers. A [`TransientFollower`] follows disturbances in time.
 //! [`least_squares`] is the published method, for comparison. A [`Mapper`] computes maps over speed and
 //! depth.
 //!
@@ -21,11 +21,11 @@
 //! A [`Case`] is read from a case file and contains the data of either or both.
 //!
 //! ```
-//! use evolvent_chatter::{Assessor, CuttingTool, Model, PrincipalAxis, Verdict};
-//! use evolvent_cutting::{LawDefinition, Tool};
+//! use evolvent_chatter::{Assessor, CuttingTool, Model, PrincipalAxis, StabilityVerdict};
+//! use evolvent_cutting::{LawDefinition, ToolAngles};
 //!
 //! let steel = LawDefinition::built_in("40X-R1").ok_or("no such law")?;
-//! let law = steel.law(Tool { rake_deg: 10.0, lead_deg: 60.0 })?;
+//! let law = steel.law(ToolAngles { rake_deg: 10.0, lead_deg: 60.0 })?;
 //! let tool = CuttingTool {
 //!     axes: [PrincipalAxis::with_ratio(6.0, 3.0e7, 0.03), PrincipalAxis::with_ratio(6.0, 1.5e7, 0.02)],
 //!     beta_deg: 35.0,
@@ -36,7 +36,7 @@
 //!     floor_m_min: 2.0,
 //! };
 //! let cut = Assessor::new(5).assess(&Model::new(tool, &law)?)?;
-//! assert_eq!(cut.verdict, Verdict::SelfExcited);
+//! assert_eq!(cut.verdict, StabilityVerdict::SelfExcited);
 //! let vibration = cut.largest_stable().ok_or("no cycle")?;
 //! assert!((vibration.verified.frequency_hz - 255.4).abs() < 0.1);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -66,7 +66,7 @@ mod speeds;
 mod transient;
 
 pub use assess::{
-    AssessedCycle, Assessment, Assessor, Disturbance, DropReason, DroppedCycle, FoundBy, Verdict,
+    AssessedCycle, Assessment, Assessor, Disturbance, DropReason, DroppedCycle, FoundBy, StabilityVerdict,
 };
 pub use case::{Case, LawSource, LobeRange, MapRange, OscillationCase, SweepRange};
 pub use case_file::case_schema;
@@ -81,4 +81,4 @@ pub use map::{MapCell, Mapper};
 pub use model::{CuttingTool, Equilibrium, Laws, Model, PrincipalAxis, SmallMode, State};
 pub use scan::{Branch, MAX_FREE_PART, Prediction, ScanEnd, ScanPoint, Scanner};
 pub use speeds::nearest_stable;
-pub use transient::{Fate, Follower};
+pub use transient::{Fate, TransientFollower};

@@ -8,7 +8,7 @@
 
 use nalgebra::Complex;
 
-use crate::assess::{Assessment, Assessor, Verdict};
+use crate::assess::{Assessment, Assessor, StabilityVerdict};
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
 use crate::floquet::{quick_multipliers, verify};
@@ -62,7 +62,7 @@ pub struct MapCell {
     /// Depth of cut, mm.
     pub depth_mm: f64,
     /// The verdict; `None` if there is no steady cut or no force.
-    pub verdict: Option<Verdict>,
+    pub verdict: Option<StabilityVerdict>,
     /// Growth of the fastest growing small vibration, 1/s.
     pub growth_per_s: f64,
     /// Amplitude of the larger coordinate on the largest stable cycle, m; 0 if there is none, or if the cut
@@ -75,16 +75,16 @@ pub struct MapCell {
 /// Computes cells of a map; reuses its working memory. Use one per thread.
 ///
 /// ```
-/// # use evolvent_chatter::{CuttingTool, Mapper, PrincipalAxis, Verdict};
-/// # use evolvent_cutting::{LawDefinition, Tool};
-/// # let law = LawDefinition::built_in("40X-R1").ok_or("no such law")?.law(Tool { rake_deg: 10.0, lead_deg: 60.0 })?;
+/// # use evolvent_chatter::{CuttingTool, Mapper, PrincipalAxis, StabilityVerdict};
+/// # use evolvent_cutting::{LawDefinition, ToolAngles};
+/// # let law = LawDefinition::built_in("40X-R1").ok_or("no such law")?.law(ToolAngles { rake_deg: 10.0, lead_deg: 60.0 })?;
 /// # let axes = [PrincipalAxis::with_ratio(6.0, 3.0e7, 0.03), PrincipalAxis::with_ratio(6.0, 1.5e7, 0.02)];
 /// # let tool = CuttingTool { axes, beta_deg: 35.0, speed_m_min: 60.0, depth_mm: 4.0, feed_mm_rev: 0.49,
 /// #     radial_ratio: 0.4, floor_m_min: 2.0 };
 /// let cells = Mapper::new(5).tile(tool, &law, &[30.0, 60.0], &[1.0, 4.0]);
 /// // Speed by speed, from the lowest depth up.
 /// assert_eq!((cells[1].speed_m_min, cells[1].depth_mm), (30.0, 4.0));
-/// assert_eq!(cells[3].verdict, Some(Verdict::SelfExcited));
+/// assert_eq!(cells[3].verdict, Some(StabilityVerdict::SelfExcited));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -206,7 +206,11 @@ impl Mapper {
         node.cell.growth_per_s = rest.growth_per_s();
         let quick = match self.survey(&model, &rest)? {
             Some(mut found) => match self.assessor.quick_verdict(&model, &rest, &mut found) {
-                Some(Verdict::Stable) if self.may_hide_a_cycle(&model, &rest, &found.branches)? => None,
+                Some(StabilityVerdict::Stable)
+                    if self.may_hide_a_cycle(&model, &rest, &found.branches)? =>
+                {
+                    None
+                }
                 verdict => verdict.map(|verdict| (verdict, found.cycles)),
             },
             None => None,
@@ -231,7 +235,7 @@ impl Mapper {
         node.cycle = stable.max_by(|a, b| size(a).total_cmp(&size(b))).cloned();
         node.cycles = survey;
         // A cut that leaves the model has no stable cycle.
-        if verdict == Verdict::OutOfModel {
+        if verdict == StabilityVerdict::OutOfModel {
             node.cycle = None;
         }
         if let Some(cycle) = &node.cycle {
@@ -487,22 +491,27 @@ impl Mapper {
 impl Assessor {
     /// The verdict from cycles with their stability, if it is unambiguous; disturbances are followed before
     /// it is `Stable`.
-    fn quick_verdict(&self, model: &Model<'_>, rest: &Equilibrium, found: &mut Found) -> Option<Verdict> {
+    fn quick_verdict(
+        &self,
+        model: &Model<'_>,
+        rest: &Equilibrium,
+        found: &mut Found,
+    ) -> Option<StabilityVerdict> {
         let survey = &mut found.cycles;
         let stable = survey.iter().any(|(_, stable)| *stable);
         let grows = rest.growth_per_s() > 0.0;
         if grows && survey.is_empty() {
-            return Some(Verdict::OutOfModel);
+            return Some(StabilityVerdict::OutOfModel);
         }
         let growing = rest.modes.iter().filter(|mode| mode.growth_per_s > 0.0).count();
         if grows && found.first_is_stable && growing == 1 {
-            return Some(Verdict::SelfExcited);
+            return Some(StabilityVerdict::SelfExcited);
         }
         if !grows && stable {
-            return Some(Verdict::Bistable);
+            return Some(StabilityVerdict::Bistable);
         }
         if !grows && !survey.is_empty() {
-            return Some(Verdict::OutOfModel);
+            return Some(StabilityVerdict::OutOfModel);
         }
         let mut verified = Vec::new();
         for (cycle, _) in survey.iter().filter(|(_, stable)| *stable) {
@@ -522,11 +531,11 @@ impl Assessor {
             }
         }
         if fates.contains(&Fate::Leaves) {
-            Some(Verdict::OutOfModel)
+            Some(StabilityVerdict::OutOfModel)
         } else if grows && all(|fate| matches!(fate, Fate::Settles(_))) {
-            Some(Verdict::SelfExcited)
+            Some(StabilityVerdict::SelfExcited)
         } else if !grows && all(|fate| *fate == Fate::DiesOut) {
-            Some(Verdict::Stable)
+            Some(StabilityVerdict::Stable)
         } else {
             None
         }

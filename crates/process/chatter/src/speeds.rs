@@ -1,6 +1,6 @@
 //! The nearest stable speeds.
 
-use crate::assess::Verdict;
+use crate::assess::StabilityVerdict;
 use crate::map::Mapper;
 use crate::model::{CuttingTool, Laws, Model};
 
@@ -19,7 +19,7 @@ pub fn nearest_stable<'a>(
     let mut search = |step: f64| {
         let stable = |mapper: &mut Mapper, speed_m_min: f64| {
             let cell = mapper.cell(CuttingTool { speed_m_min, ..tool }, law);
-            cell.verdict == Some(Verdict::Stable)
+            cell.verdict == Some(StabilityVerdict::Stable)
         };
         let mut unstable_at = tool.speed_m_min;
         loop {
@@ -46,7 +46,7 @@ pub fn nearest_stable<'a>(
                     law,
                 )
                 .and_then(|model| mapper.assess(&model));
-                if whole.is_ok_and(|whole| whole.verdict == Verdict::Stable) {
+                if whole.is_ok_and(|whole| whole.verdict == StabilityVerdict::Stable) {
                     return Some(stable_at);
                 }
             }

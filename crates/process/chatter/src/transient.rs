@@ -42,7 +42,7 @@ pub enum Fate {
 
 /// Follows disturbances of a steady cut.
 #[derive(Clone, Debug)]
-pub struct Follower<'a> {
+pub struct TransientFollower<'a> {
     /// Known stable cycles, with their maximum and minimum size, m/s.
     known: Vec<(Verified, [f64; 2])>,
     model: Model<'a>,
@@ -76,7 +76,7 @@ pub(crate) struct Lingering {
     pub(crate) change: f64,
 }
 
-impl<'a> Follower<'a> {
+impl<'a> TransientFollower<'a> {
     /// Creates a follower for a steady cut, for 375 to 1000 periods of the slower axis: longer if small
     /// vibrations change slowly.
     #[must_use]
@@ -169,7 +169,7 @@ impl<'a> Follower<'a> {
         Ok(state + (first + (second + third) * 2.0 + fourth) * (h / 6.0))
     }
 
-    /// Maximum number of steps of [`Follower::samples`].
+    /// Maximum number of steps of [`TransientFollower::samples`].
     pub const MAX_STEPS: usize = 1_000_000;
 
     /// Samples of the motion from a state, time in s and state, until `duration_s` or the end of the force

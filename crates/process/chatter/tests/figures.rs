@@ -4,8 +4,8 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_chatter::{
-    Assessor, ChatterError, CuttingTool, Cycle, Measure, Model, Prediction, Scanner, Verdict, Verified,
-    least_squares, verify,
+    Assessor, ChatterError, CuttingTool, Cycle, Measure, Model, Prediction, Scanner, StabilityVerdict,
+    Verified, least_squares, verify,
 };
 
 use crate::common::{near, steel, tool};
@@ -21,7 +21,7 @@ fn scanned(tool: CuttingTool, harmonics: usize) -> (Prediction, Vec<Verified>) {
     (prediction, verified)
 }
 
-fn verdict(tool: CuttingTool) -> Verdict {
+fn verdict(tool: CuttingTool) -> StabilityVerdict {
     let law = steel();
     let model = Model::new(tool, &law).unwrap();
     Assessor::new(5).assess(&model).unwrap().verdict
@@ -36,7 +36,7 @@ fn only(prediction: &Prediction) -> &Cycle {
 #[test]
 fn self_excited_case_matches_reference() {
     let (prediction, verified) = scanned(tool(60.0, 0.02), 5);
-    assert_eq!(verdict(tool(60.0, 0.02)), Verdict::SelfExcited);
+    assert_eq!(verdict(tool(60.0, 0.02)), StabilityVerdict::SelfExcited);
     near(
         prediction.equilibrium.growth_per_s(),
         23.514_340_643_860_72,
@@ -144,7 +144,7 @@ fn harmonic_truncation_errors_match_reference() {
 #[test]
 fn bistable_case_has_both_cycles_and_basins() {
     let (prediction, verified) = scanned(tool(100.0, 0.008), 5);
-    assert_eq!(verdict(tool(100.0, 0.008)), Verdict::Bistable);
+    assert_eq!(verdict(tool(100.0, 0.008)), StabilityVerdict::Bistable);
     near(
         prediction.equilibrium.growth_per_s(),
         -2.395_413_277,
@@ -229,7 +229,7 @@ fn common_kick(model: &Model<'_>, kick_m_s: f64) -> f64 {
 #[test]
 fn the_stable_case_has_no_cycle() {
     let (prediction, verified) = scanned(tool(25.0, 0.02), 5);
-    assert_eq!(verdict(tool(25.0, 0.02)), Verdict::Stable);
+    assert_eq!(verdict(tool(25.0, 0.02)), StabilityVerdict::Stable);
     assert!(verified.is_empty());
     near(
         prediction.equilibrium.modes[0].growth_per_s,
@@ -264,7 +264,7 @@ fn cycles_over_cutting_speed_match_reference() {
             near(prediction.equilibrium.growth_per_s(), growth, 1e-6, "growth");
         }
         match cycle {
-            None => assert!(verified.is_empty() && verdict(tool(speed, 0.02)) == Verdict::Stable),
+            None => assert!(verified.is_empty() && verdict(tool(speed, 0.02)) == StabilityVerdict::Stable),
             Some((frequency, amplitude)) => {
                 assert!(only(&prediction).stable_by_slope() && verified[0].stable());
                 near(only(&prediction).frequency_hz, frequency, 4e-6, "frequency");
@@ -360,7 +360,7 @@ fn one_harmonic_least_squares_has_known_bias() {
 fn what_the_model_cannot_answer_is_said() {
     let law = steel();
     // Almost no damping: the vibration grows until the speed falls to the floor.
-    assert_eq!(verdict(tool(60.0, 0.001)), Verdict::OutOfModel);
+    assert_eq!(verdict(tool(60.0, 0.001)), StabilityVerdict::OutOfModel);
     for (speed, depth, feed) in [
         (f64::NAN, 4.0, 0.49),
         (60.0, 0.0, 0.49),

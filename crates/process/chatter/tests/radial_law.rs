@@ -3,14 +3,16 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
-use evolvent_chatter::{Assessor, CuttingTool, Laws, Mapper, Measure, Model, Verdict, least_squares};
-use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
+use evolvent_chatter::{
+    Assessor, CuttingTool, Laws, Mapper, Measure, Model, StabilityVerdict, least_squares,
+};
+use evolvent_cutting::{ForceLaw, LawDefinition, ToolAngles};
 
 use crate::common::oracle::Oracle;
 use crate::common::{near, steel, tool};
 
 fn law(text: &str) -> ForceLaw {
-    let angles = Tool {
+    let angles = ToolAngles {
         rake_deg: 10.0,
         lead_deg: 60.0,
     };
@@ -114,7 +116,7 @@ fn radial_law_cycles_match_another_program() {
             1e-9,
             "deflection of V1",
         );
-        assert_eq!(whole.verdict, Verdict::SelfExcited, "{speed} m/min");
+        assert_eq!(whole.verdict, StabilityVerdict::SelfExcited, "{speed} m/min");
         let stable = whole.largest_stable().unwrap();
         near(
             stable.verified.half_peak_to_peak_m[1],

@@ -4,9 +4,10 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_chatter::{
-    Assessment, Assessor, CuttingTool, DropReason, Mapper, Model, PrincipalAxis, Verdict, nearest_stable,
+    Assessment, Assessor, CuttingTool, DropReason, Mapper, Model, PrincipalAxis, StabilityVerdict,
+    nearest_stable,
 };
-use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
+use evolvent_cutting::{ForceLaw, LawDefinition, ToolAngles};
 
 use crate::common::oracle::{End, Oracle};
 use crate::common::{Random, campaign, near, tool};
@@ -19,7 +20,7 @@ struct Sample {
 
 impl Sample {
     fn law(&self) -> ForceLaw {
-        let angles = Tool {
+        let angles = ToolAngles {
             rake_deg: self.rake,
             lead_deg: self.lead,
         };
@@ -165,7 +166,7 @@ fn a_cut_with_unstable_cycles_only_leaves_the_model() {
             }
         }
         let whole = sample.assess();
-        assert_eq!(whole.verdict, Verdict::OutOfModel);
+        assert_eq!(whole.verdict, StabilityVerdict::OutOfModel);
         assert!(whole.cycles.iter().all(|known| !known.verified.stable()));
         let known = whole
             .cycles
@@ -176,7 +177,7 @@ fn a_cut_with_unstable_cycles_only_leaves_the_model() {
         let mut mapper = Mapper::new(5);
         assert_eq!(
             mapper.cell(sample.tool, &sample.law()).verdict,
-            Some(Verdict::OutOfModel)
+            Some(StabilityVerdict::OutOfModel)
         );
     }
 }
@@ -197,7 +198,7 @@ fn an_unstable_cycle_is_not_missed() {
         let whole = Assessor::new(harmonics).assess(&model).unwrap();
         assert_eq!(
             whole.verdict,
-            Verdict::OutOfModel,
+            StabilityVerdict::OutOfModel,
             "{depth} mm, {harmonics} harmonics"
         );
         assert!(!whole.cycles.is_empty());
@@ -216,7 +217,7 @@ fn an_unstable_cycle_is_not_missed() {
 #[test]
 fn a_cycle_counts_once_and_only_where_it_closes() {
     let whole = with_invented_cycle().assess();
-    assert_eq!(whole.verdict, Verdict::SelfExcited);
+    assert_eq!(whole.verdict, StabilityVerdict::SelfExcited);
     let amplitudes: Vec<f64> = (whole.cycles.iter())
         .map(|known| 1e3 * known.verified.amplitude_m[1])
         .collect();
@@ -266,7 +267,7 @@ fn stable_cuts_bear_every_blow_of_another_program() {
             continue;
         };
         let cell = Mapper::new(5).cell(sample.tool, &law);
-        if whole.verdict != Verdict::Stable && cell.verdict != Some(Verdict::Stable) {
+        if whole.verdict != StabilityVerdict::Stable && cell.verdict != Some(StabilityVerdict::Stable) {
             continue;
         }
         stable += 1;
@@ -294,7 +295,7 @@ fn two_close_cycles_are_told_apart() {
         let (cell, cycles) = Mapper::new(5).cycles(sample.tool, &sample.law());
         let stable: Vec<bool> = cycles.iter().map(|(_, stable)| *stable).collect();
         assert_eq!(stable, [false, true], "{speed} m/min, {depth} mm");
-        assert_eq!(cell.verdict, Some(Verdict::Bistable));
+        assert_eq!(cell.verdict, Some(StabilityVerdict::Bistable));
         // The other program, started between both: it neither dies out nor leaves.
         let oracle = sample.oracle();
         let ends: Vec<End> = (30..90)
@@ -343,7 +344,7 @@ fn a_strongly_unstable_cycle_is_not_called_stable() {
             let whole = Assessor::new(harmonics).assess(&model).unwrap();
             let verdicts = [Some(whole.verdict), cell.verdict];
             assert!(
-                !verdicts.contains(&Some(Verdict::Stable)),
+                !verdicts.contains(&Some(StabilityVerdict::Stable)),
                 "{harmonics}: {:?}",
                 cut.tool
             );
@@ -380,7 +381,7 @@ fn a_cycle_past_a_coarse_branch_end_is_found() {
         lead: 60.0,
     };
     let whole = sample.assess();
-    assert_eq!(whole.verdict, Verdict::OutOfModel);
+    assert_eq!(whole.verdict, StabilityVerdict::OutOfModel);
     assert!(whole.cycles.iter().any(|known| !known.verified.stable()));
 }
 
@@ -421,12 +422,12 @@ fn stable_cuts_are_stable_with_more_harmonics() {
         let Ok(few) = Assessor::new(5).assess(&model) else {
             continue;
         };
-        if few.verdict == Verdict::Stable {
+        if few.verdict == StabilityVerdict::Stable {
             stable += 1;
             let many = Assessor::new(16).assess(&model).unwrap();
             // At the very end of a branch many harmonics may find a cycle that few do not, without
             // confirmation.
-            let agrees = many.verdict == Verdict::Stable || many.is_in_doubt();
+            let agrees = many.verdict == StabilityVerdict::Stable || many.is_in_doubt();
             assert!(agrees, "case {case}: {:?} {tool:?}", many.verdict);
         }
     }
@@ -446,12 +447,12 @@ fn stable_cells_of_maps_are_stable_by_themselves() {
             continue;
         }
         let law = sample.law();
-        if Mapper::new(5).cell(sample.tool, &law).verdict != Some(Verdict::Stable) {
+        if Mapper::new(5).cell(sample.tool, &law).verdict != Some(StabilityVerdict::Stable) {
             continue;
         }
         stable += 1;
         let single = sample.assess().verdict;
-        if single != Verdict::Stable {
+        if single != StabilityVerdict::Stable {
             differ.push((case, single));
         }
     }
@@ -504,7 +505,9 @@ fn the_map_agrees_with_single_calculations() {
                 differ.push((cut, cell.verdict, verdict));
                 continue;
             }
-            let whole = whole.ok().filter(|whole| whole.verdict != Verdict::OutOfModel);
+            let whole = whole
+                .ok()
+                .filter(|whole| whole.verdict != StabilityVerdict::OutOfModel);
             let stable = whole.as_ref().and_then(Assessment::largest_stable);
             // The error of the balance with loss of contact is 5e-3; the method that found a cell determines
             // its value.
@@ -550,7 +553,11 @@ fn the_advised_speed_is_stable_in_every_way() {
             },
             ..sample
         };
-        assert_eq!(there.assess().verdict, Verdict::Stable, "{speed_m_min} m/min");
+        assert_eq!(
+            there.assess().verdict,
+            StabilityVerdict::Stable,
+            "{speed_m_min} m/min"
+        );
         let oracle = there.oracle();
         for [v1, v2] in oracle.directions() {
             let end = oracle.blow(0.8, v1, v2);

@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::error::LawError;
-use crate::force::Tool;
+use crate::force::ToolAngles;
 use crate::law::{Covered, ForceLaw};
 use crate::power::PowerLaw;
 use crate::rational::{RationalCoefficients, RationalLaw};
@@ -227,7 +227,7 @@ impl LawDefinition {
             }
         }
         // Checks the numbers with a tool that every law accepts; the actual angles are known later.
-        let tool = Tool {
+        let tool = ToolAngles {
             rake_deg: 0.0,
             lead_deg: 45.0,
         };
@@ -245,7 +245,7 @@ impl LawDefinition {
     ///
     /// # Errors
     /// Invalid coefficients: see [`LawError`].
-    pub fn law(&self, tool: Tool) -> Result<ForceLaw, LawError> {
+    pub fn law(&self, tool: ToolAngles) -> Result<ForceLaw, LawError> {
         let law: ForceLaw = match (&self.power, &self.rational, &self.table) {
             (Some(power), ..) if self.kind == KindWord::Power => PowerLaw {
                 coefficient_n: power.coefficient_n,

@@ -13,7 +13,7 @@ pub struct Cut {
 
 /// The angles of a tool that laws use.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tool {
+pub struct ToolAngles {
     /// Rake angle, degrees.
     pub rake_deg: f64,
     /// Lead angle between the main cutting edge and the direction of feed, degrees.

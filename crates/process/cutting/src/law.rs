@@ -33,9 +33,9 @@ impl Default for Covered {
 /// A force law for a material and a tool.
 ///
 /// ```
-/// use evolvent_cutting::{Cut, LawDefinition, Tool};
+/// use evolvent_cutting::{Cut, LawDefinition, ToolAngles};
 /// let steel = LawDefinition::built_in("40X-R1").ok_or("no such law")?;
-/// let law = steel.law(Tool { rake_deg: 10.0, lead_deg: 60.0 })?;
+/// let law = steel.law(ToolAngles { rake_deg: 10.0, lead_deg: 60.0 })?;
 /// // One feed, many speeds: the force falls where chatter begins.
 /// let section = law.section(0.49)?;
 /// assert!(section.force(60.0, 4.0)?.tangential_n > section.force(90.0, 4.0)?.tangential_n);

@@ -4,12 +4,12 @@
 //! why there is none. There are three kinds of law: a power law, a table of measured forces, and a rational
 //! law with a falling section (the reconstruction "40X-R1" of steel 40X). A law is data: a [`LawDefinition`]
 //! is read from a TOML file ([`LawDefinition::parse`]) or is built in ([`LawDefinition::built_in`]), and
-//! becomes a law for the angles of a [`Tool`].
+//! becomes a law for the angles of a [`ToolAngles`].
 //!
 //! ```
-//! use evolvent_cutting::{Cut, LawDefinition, Tool};
+//! use evolvent_cutting::{Cut, LawDefinition, ToolAngles};
 //! let steel = LawDefinition::built_in("40X-R1").ok_or("no such law")?;
-//! let law = steel.law(Tool { rake_deg: 10.0, lead_deg: 60.0 })?;
+//! let law = steel.law(ToolAngles { rake_deg: 10.0, lead_deg: 60.0 })?;
 //! let force = law.force(Cut { speed_m_min: 60.0, depth_mm: 4.0, feed_mm_rev: 0.49 })?;
 //! assert!((force.tangential_n - 3430.036).abs() < 1e-3 && force.per_speed < 0.0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -32,7 +32,7 @@ mod table;
 
 pub use error::{ForceError, LawError};
 pub use file::{LawDefinition, law_schema};
-pub use force::{Cut, Force, SectionForce, Tool};
+pub use force::{Cut, Force, SectionForce, ToolAngles};
 pub use law::{Covered, ForceLaw, Section};
 pub use power::PowerLaw;
 pub use rational::{RationalCoefficients, RationalLaw};

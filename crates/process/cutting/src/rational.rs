@@ -2,7 +2,7 @@
 
 use crate::error::{ForceError, LawError};
 use crate::fixed_power::FixedPower;
-use crate::force::{SectionForce, Tool};
+use crate::force::{SectionForce, ToolAngles};
 use crate::power::number;
 
 /// The coefficients of a law file.
@@ -69,7 +69,7 @@ impl RationalLaw {
     /// Numbers that are not finite or out of range; a lead angle at which the force would not be positive; a
     /// rake angle at which the law has a pole at every feed (if that does not depend on the feed; otherwise
     /// [`ForceError::Pole`]).
-    pub fn new(coefficients: &RationalCoefficients, tool: Tool) -> Result<Self, LawError> {
+    pub fn new(coefficients: &RationalCoefficients, tool: ToolAngles) -> Result<Self, LawError> {
         let c = coefficients;
         number("rake angle", tool.rake_deg, -45.0, 45.0)?;
         number("lead angle", tool.lead_deg, 1.0, 120.0)?;

@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
-use evolvent_cutting::{LawDefinition, Tool, law_schema};
+use evolvent_cutting::{LawDefinition, ToolAngles, law_schema};
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit};
 use evolvent_random::Random;
 
@@ -75,7 +75,7 @@ fn bad_files_are_refused_with_line_column_and_key() {
 
 #[test]
 fn power_laws_and_tables_are_read() {
-    let tool = Tool {
+    let tool = ToolAngles {
         rake_deg: 0.0,
         lead_deg: 60.0,
     };
@@ -103,7 +103,7 @@ fn damaged_files_are_refused_or_read() {
             bytes[at] = *random.one_of(b"0.e-]=[\"\n9");
         }
         let text = String::from_utf8_lossy(&bytes);
-        let tool = Tool {
+        let tool = ToolAngles {
             rake_deg: 10.0,
             lead_deg: 60.0,
         };

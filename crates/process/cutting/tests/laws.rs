@@ -5,12 +5,14 @@
     reason = "helpers of tests fail as tests do, and print their seed"
 )]
 
-use evolvent_cutting::{Cut, ForceError, ForceLaw, ForceTable, LawDefinition, LawError, PowerLaw, Tool};
+use evolvent_cutting::{
+    Cut, ForceError, ForceLaw, ForceTable, LawDefinition, LawError, PowerLaw, ToolAngles,
+};
 use evolvent_random::Random;
 
 fn steel(rake_deg: f64, lead_deg: f64) -> ForceLaw {
     let definition = LawDefinition::built_in("40x-r1").unwrap();
-    definition.law(Tool { rake_deg, lead_deg }).unwrap()
+    definition.law(ToolAngles { rake_deg, lead_deg }).unwrap()
 }
 
 fn cut(speed_m_min: f64, depth_mm: f64, feed_mm_rev: f64) -> Cut {
@@ -259,7 +261,7 @@ fn what_is_outside_is_refused_with_its_numbers() {
 fn rake_angles_with_a_pole_are_refused() {
     let definition = LawDefinition::built_in("40X-R1").unwrap();
     let with = |rake_deg| {
-        definition.law(Tool {
+        definition.law(ToolAngles {
             rake_deg,
             lead_deg: 60.0,
         })
@@ -279,7 +281,7 @@ fn a_pole_at_some_feeds_only_is_refused_at_those() {
         include_str!("../../../../config/laws/40x-r1.toml").replace("g = [356.4, -2.0]", "g = [356.4, -1.5]");
     let law = LawDefinition::parse(&text, "law.toml").unwrap();
     let law = law
-        .law(Tool {
+        .law(ToolAngles {
             rake_deg: 10.0,
             lead_deg: 60.0,
         })

@@ -13,7 +13,7 @@ const LENGTH_MM: f64 = 200.0;
 /// Tool and law of a case, without the stock.
 struct Case {
     law: CutLaw,
-    tool: Tool,
+    tool: CuttingEdge,
     regime: Regime,
     fast_regime: Regime,
 }
@@ -24,7 +24,7 @@ fn main() {
         depth_exponent: 1.0,
         feed_exponent: 0.75,
     };
-    let tool = Tool::new(60.0, 12.0).unwrap();
+    let tool = CuttingEdge::new(60.0, 12.0).unwrap();
     let regime = |back_off| {
         let input = RegimeInput {
             law,

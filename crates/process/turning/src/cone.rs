@@ -1,6 +1,6 @@
 //! The cone after the cylinder of a cut.
 
-use crate::tool::Tool;
+use crate::tool::CuttingEdge;
 
 /// Minimum angle between cone and edge, degrees.
 const CLEARANCE_DEG: f64 = 1.0;
@@ -70,7 +70,7 @@ impl Cone {
     ///
     /// # Errors
     /// A cone that is too flat, or nearly as steep as the edge.
-    pub fn check(&self, tool: &Tool) -> Result<(), ConeError> {
+    pub fn check(&self, tool: &CuttingEdge) -> Result<(), ConeError> {
         let angle_deg = self.angle_deg();
         let most_deg = tool.lead_deg() - CLEARANCE_DEG;
         if (MIN_DEG..=most_deg).contains(&angle_deg) {

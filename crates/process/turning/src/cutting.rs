@@ -2,7 +2,7 @@
 
 use evolvent_machine::LoadSample;
 
-use crate::job::Job;
+use crate::job::TurningJob;
 use crate::job_file::CutFile;
 use crate::scale::LoadScale;
 use crate::sensor::Sensor;
@@ -21,7 +21,7 @@ pub struct SimulatedProcess {
 impl SimulatedProcess {
     /// The stock of a job, sampled every `period_s` seconds; `None` if the file has no `[stock]`.
     #[must_use]
-    pub fn new(job: &Job, period_s: f64) -> Option<Self> {
+    pub fn new(job: &TurningJob, period_s: f64) -> Option<Self> {
         let blank = job.blank.clone()?;
         let settings = &job.settings;
         let steps_per_turn = settings.turn_s() / period_s;

@@ -12,7 +12,7 @@ use crate::regime::{BackOff, PERMITTED_LOAD, Regime, RegimeError, RegimeInput, S
 use crate::scale::{Lever, LoadScale, MIN_LEVER_FRACTION};
 use crate::sensor::SensorModel;
 use crate::settings::{Strategy, TurningSettings};
-use crate::tool::Tool;
+use crate::tool::CuttingEdge;
 use crate::wear::Wear;
 
 /// Maximum relative difference between the law and its power law over the feeds and depths of the job.
@@ -20,12 +20,12 @@ const MAX_MISFIT: f64 = 0.1;
 
 /// A job that can be run.
 #[derive(Clone, Debug)]
-pub struct Job {
+pub struct TurningJob {
     /// Its name.
     pub name: String,
     /// The cut.
     pub cut: CutFile,
-    /// Settings with the usual motion limits. [`Job::drive_with`] replaces them by the machine's.
+    /// Settings with the usual motion limits. [`TurningJob::drive_with`] replaces them by the machine's.
     pub settings: TurningSettings,
     /// Stock for trials.
     pub blank: Option<Blank>,
@@ -37,7 +37,7 @@ pub struct Job {
     source: (String, String),
 }
 
-impl Job {
+impl TurningJob {
     /// Reads a job file; `file` names it in errors.
     ///
     /// # Errors
@@ -50,7 +50,7 @@ impl Job {
     }
 
     /// The stock must not be higher than the passes reach. It does not apply to another cut
-    /// ([`Job::for_cut`]).
+    /// ([`TurningJob::for_cut`]).
     fn check_stock(&self, sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
         let Some(blank) = &self.blank else {
             return Ok(());
@@ -125,7 +125,7 @@ fn key_of(error: &RegimeError) -> (&'static str, &'static str) {
 }
 
 impl JobFile {
-    fn job(&self, sheet: &ConfigDocument<'_>) -> Result<Job, ConfigError> {
+    fn job(&self, sheet: &ConfigDocument<'_>) -> Result<TurningJob, ConfigError> {
         let refuse = |key: &str, what: String, advice: &str| sheet.error(key, what, advice);
         for (key, value, least, most) in [
             ("cut.diameter_mm", self.cut.diameter_mm, 0.1, 1e4),
@@ -153,7 +153,7 @@ impl JobFile {
                 "give at most half of the diameter",
             ));
         }
-        let tool = Tool::new(self.tool.lead_deg, self.tool.edge_mm)
+        let tool = CuttingEdge::new(self.tool.lead_deg, self.tool.edge_mm)
             .map_err(|error| refuse("tool", error.to_string(), "correct the tool"))?;
         let (law, law_misfit) = self.law(sheet)?;
         let input = RegimeInput {
@@ -197,7 +197,7 @@ impl JobFile {
             sensor_stale_s: self.sensor.stale_ms * 1e-3,
             ..usual
         };
-        Ok(Job {
+        Ok(TurningJob {
             name: self.name.clone(),
             cut: self.cut,
             settings,
@@ -218,7 +218,7 @@ impl JobFile {
     }
 
     /// The cone after the cylinder.
-    fn cone(&self, sheet: &ConfigDocument<'_>, tool: &Tool) -> Result<Option<Cone>, ConfigError> {
+    fn cone(&self, sheet: &ConfigDocument<'_>, tool: &CuttingEdge) -> Result<Option<Cone>, ConfigError> {
         let cut = &self.cut;
         let (from_mm, angle_deg) = match (cut.cone_from_mm, cut.cone_deg) {
             (Some(from), Some(angle)) => (from, angle),
@@ -288,7 +288,7 @@ impl JobFile {
         &self,
         sheet: &ConfigDocument<'_>,
         regime: &Regime,
-        tool: &Tool,
+        tool: &CuttingEdge,
     ) -> Result<LoadScale, ConfigError> {
         let sensor = &self.sensor;
         let idle = sensor.idle + sensor.idle_per_rpm * self.cut.spindle_rpm;
@@ -324,7 +324,12 @@ impl JobFile {
     }
 
     /// The diameters at which the force acts.
-    fn lever(&self, sheet: &ConfigDocument<'_>, regime: &Regime, tool: &Tool) -> Result<Lever, ConfigError> {
+    fn lever(
+        &self,
+        sheet: &ConfigDocument<'_>,
+        regime: &Regime,
+        tool: &CuttingEdge,
+    ) -> Result<Lever, ConfigError> {
         let diameter_mm = self.cut.diameter_mm;
         if self.cut.kind == CutKind::Longitudinal {
             return Ok(Lever::Longitudinal { diameter_mm });
@@ -406,7 +411,7 @@ impl JobFile {
                         format!("there is {names}"),
                     ));
                 };
-                let tool = evolvent_cutting::Tool {
+                let tool = evolvent_cutting::ToolAngles {
                     rake_deg: self.tool.rake_deg,
                     lead_deg: self.tool.lead_deg,
                 };

@@ -13,10 +13,10 @@
 //!
 //! ```
 //! use evolvent_turning::{
-//!     BackOff, Blank, CutLaw, Regime, RegimeInput, SensorModel, Simulation, Tool, TurningSettings,
+//!     BackOff, Blank, CutLaw, Regime, RegimeInput, SensorModel, Simulation, CuttingEdge, TurningSettings,
 //! };
 //!
-//! let tool = Tool::new(60.0, 12.0)?;
+//! let tool = CuttingEdge::new(60.0, 12.0)?;
 //! let law = CutLaw { coefficient: 1467.0, depth_exponent: 1.0, feed_exponent: 0.75 };
 //! let input = RegimeInput {
 //!     law,
@@ -94,7 +94,7 @@ pub use cutting::SimulatedProcess;
 pub use evolvent_machine::LoadSample;
 pub use evolvent_timing::ScalarLimits;
 pub use fixed::FixedPasses;
-pub use job::Job;
+pub use job::TurningJob;
 pub use job_file::{CutEnd, CutFile, CutKind, JobFile, SensorKind, process_schema};
 pub use law::CutLaw;
 pub use record::SizeRecord;
@@ -104,7 +104,7 @@ pub use sensor::{Sensor, SensorFault, SensorModel};
 pub use settings::{OnThin, PassDepth, SettingsError, Strategy, TurningSettings};
 pub use simulation::{Figures, Simulation, run_fixed, run_fixed_at_load};
 pub use state::{Reason, Transition, TurningState};
-pub use tool::{Tool, ToolError};
+pub use tool::{CuttingEdge, ToolError};
 pub use watch::{LoadView, LoadWatch, SensorTrouble};
 pub use wear::Wear;
 pub use workpiece::{CutNow, Workpiece};

@@ -2,7 +2,7 @@
 //! Ivanov, and the conditions under which they hold.
 
 use crate::law::CutLaw;
-use crate::tool::Tool;
+use crate::tool::CuttingEdge;
 use crate::wear::Wear;
 use evolvent_config::plain;
 
@@ -37,7 +37,7 @@ pub enum BackOff {
 /// Depths and feeds of self-programmed passes.
 ///
 /// ```
-/// use evolvent_turning::{BackOff, CutLaw, Regime, RegimeInput, Tool};
+/// use evolvent_turning::{BackOff, CutLaw, Regime, RegimeInput, CuttingEdge};
 /// let input = RegimeInput {
 ///     law: CutLaw { coefficient: 1467.0, depth_exponent: 1.0, feed_exponent: 0.75 },
 ///     set_load: 2200.0,
@@ -46,7 +46,7 @@ pub enum BackOff {
 ///     feed_max_mm_rev: 0.7,
 ///     back_off: BackOff::Balanced,
 /// };
-/// let regime = Regime::new(&input, &Tool::new(60.0, 12.0)?)?;
+/// let regime = Regime::new(&input, &CuttingEdge::new(60.0, 12.0)?)?;
 /// // Equation (4) of the paper.
 /// assert!((regime.feed_back_off_mm_rev - 0.387_268).abs() < 1e-6);
 /// assert_eq!(regime.passes(10.0), 3);
@@ -170,7 +170,7 @@ impl Regime {
     ///
     /// # Errors
     /// The condition that fails, with its numbers.
-    pub fn new(input: &RegimeInput, tool: &Tool) -> Result<Self, RegimeError> {
+    pub fn new(input: &RegimeInput, tool: &CuttingEdge) -> Result<Self, RegimeError> {
         let law = input.law;
         if !law.is_sound() {
             return Err(RegimeError::Law {
@@ -332,8 +332,8 @@ mod tests {
         }
     }
 
-    fn tool() -> Tool {
-        Tool::new(60.0, 12.0).unwrap()
+    fn tool() -> CuttingEdge {
+        CuttingEdge::new(60.0, 12.0).unwrap()
     }
 
     #[test]
@@ -458,7 +458,7 @@ mod tests {
             check(&|input| input.back_off = BackOff::Feed(0.1)),
             RegimeError::BackOffFeed { .. }
         ));
-        let short = Regime::new(&input(), &Tool::new(60.0, 5.0).unwrap()).unwrap_err();
+        let short = Regime::new(&input(), &CuttingEdge::new(60.0, 5.0).unwrap()).unwrap_err();
         assert!(matches!(short, RegimeError::Edge { reach_mm, .. } if (reach_mm - 4.330_127).abs() < 1e-6));
     }
 
@@ -471,11 +471,11 @@ mod tests {
             let ratio = 2.0_f64.powf(x / y);
             changed.feed_min_mm_rev = 0.7 / ratio * (1.0 + 1e-6);
             assert!(matches!(
-                Regime::new(&changed, &Tool::new(60.0, 100.0).unwrap()),
+                Regime::new(&changed, &CuttingEdge::new(60.0, 100.0).unwrap()),
                 Err(RegimeError::Narrow { .. })
             ));
             changed.feed_min_mm_rev = 0.7 / ratio * (1.0 - 1e-6);
-            assert!(Regime::new(&changed, &Tool::new(60.0, 100.0).unwrap()).is_ok());
+            assert!(Regime::new(&changed, &CuttingEdge::new(60.0, 100.0).unwrap()).is_ok());
         }
     }
 }

@@ -6,7 +6,7 @@ use evolvent_timing::ScalarLimits;
 use crate::cone::{Cone, ConeError};
 use crate::regime::Regime;
 use crate::scale::LoadScale;
-use crate::tool::Tool;
+use crate::tool::CuttingEdge;
 use crate::watch::LoadWatch;
 
 /// Passes of the safe strategy beyond equation (5), for thin positions and for parts that take less time.
@@ -110,7 +110,7 @@ pub struct TurningSettings {
     /// Depths and feeds.
     pub regime: Regime,
     /// The cutting edge.
-    pub tool: Tool,
+    pub tool: CuttingEdge,
     /// How passes are chosen.
     pub strategy: Strategy,
     /// Speed of the spindle, rev/min.
@@ -256,7 +256,7 @@ pub enum SettingsError {
 impl TurningSettings {
     /// Usual values. Only the arguments have to be chosen.
     #[must_use]
-    pub fn usual(regime: Regime, tool: Tool, spindle_rpm: f64, length_mm: f64) -> Self {
+    pub fn usual(regime: Regime, tool: CuttingEdge, spindle_rpm: f64, length_mm: f64) -> Self {
         Self {
             regime,
             tool,

@@ -3,7 +3,7 @@
 /// A straight main cutting edge. It rises outwards from the tip and leads: a point of the edge `h` above the
 /// tip is `h / tan(lead)` ahead of it in the direction of feed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tool {
+pub struct CuttingEdge {
     lead_deg: f64,
     edge_mm: f64,
     slope: f64,
@@ -30,7 +30,7 @@ pub enum ToolError {
     },
 }
 
-impl Tool {
+impl CuttingEdge {
     /// Creates an edge with a lead angle (between edge and feed, degrees) and a length in mm.
     ///
     /// # Errors
@@ -90,15 +90,15 @@ mod tests {
     fn an_edge_square_to_the_feed_is_refused() {
         for lead in [90.0, 95.0, 0.0, -10.0, f64::NAN] {
             assert!(
-                matches!(Tool::new(lead, 12.0), Err(ToolError::Lead { .. })),
+                matches!(CuttingEdge::new(lead, 12.0), Err(ToolError::Lead { .. })),
                 "{lead}"
             );
         }
         assert!(matches!(
-            Tool::new(60.0, f64::INFINITY),
+            CuttingEdge::new(60.0, f64::INFINITY),
             Err(ToolError::Edge { .. })
         ));
-        let tool = Tool::new(60.0, 12.0).unwrap();
+        let tool = CuttingEdge::new(60.0, 12.0).unwrap();
         assert!((tool.overhang_mm() - 6.0).abs() < 1e-12);
         assert!((tool.reach_mm() - 12.0 * 0.75_f64.sqrt()).abs() < 1e-12);
     }

@@ -10,7 +10,7 @@ use crate::blank::Blank;
 use crate::cone::Cone;
 use crate::law::CutLaw;
 use crate::settings::TurningSettings;
-use crate::tool::Tool;
+use crate::tool::CuttingEdge;
 
 /// Width of a cell of the field, mm.
 const CELL_MM: f64 = 0.05;
@@ -36,7 +36,7 @@ pub struct CutNow {
 #[derive(Clone, Debug)]
 pub struct Workpiece {
     law: CutLaw,
-    tool: Tool,
+    tool: CuttingEdge,
     blank: Blank,
     length_mm: f64,
     /// Height of the final contour at the end of the cut, mm.
@@ -57,7 +57,7 @@ impl Workpiece {
     /// A blank of a length, cut by a tool under a law; `steps_per_turn` calls of [`Workpiece::step`] are a
     /// revolution.
     #[must_use]
-    pub fn new(blank: Blank, length_mm: f64, law: CutLaw, tool: Tool, steps_per_turn: f64) -> Self {
+    pub fn new(blank: Blank, length_mm: f64, law: CutLaw, tool: CuttingEdge, steps_per_turn: f64) -> Self {
         let cells = ((length_mm / CELL_MM).round().clamp(1.0, 1e7)) as usize;
         let raw: Vec<f64> = (0..cells)
             .map(|i| blank.height_mm((i as f64 + 0.5) * CELL_MM))
@@ -225,8 +225,8 @@ mod tests {
         feed_exponent: 0.75,
     };
 
-    fn tool() -> Tool {
-        Tool::new(60.0, 12.0).unwrap()
+    fn tool() -> CuttingEdge {
+        CuttingEdge::new(60.0, 12.0).unwrap()
     }
 
     /// Feeds at `feed` mm/rev from `from` to `to` at a height; returns the cuts.

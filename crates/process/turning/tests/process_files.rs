@@ -2,7 +2,7 @@
 //! matches the code.
 
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};
-use evolvent_turning::{Job, process_schema};
+use evolvent_turning::{TurningJob, process_schema};
 
 /// To regenerate the file: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-turning schema`.
 #[test]
@@ -52,6 +52,6 @@ fn bad_files_are_refused_with_line_column_and_key() {
                 ..edit("min_mm_rev = 0.2 ", "# ", "min_mm_rev")
             },
         ],
-        Job::parse,
+        TurningJob::parse,
     );
 }

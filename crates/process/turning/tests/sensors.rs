@@ -3,13 +3,13 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test may fail")]
 
 use evolvent_turning::{
-    Blank, Job, LoadScale, Reason, SensorFault, SensorModel, SensorTrouble, Simulation, TurningInputs,
+    Blank, LoadScale, Reason, SensorFault, SensorModel, SensorTrouble, Simulation, TurningInputs, TurningJob,
     TurningSettings,
 };
 
 use crate::common::{SET, TURN_S, law, safe, sensor};
 
-fn shaft(sensor: &str) -> Result<Job, String> {
+fn shaft(sensor: &str) -> Result<TurningJob, String> {
     let file = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../../../config/processes/turn-shaft.toml"
@@ -17,7 +17,7 @@ fn shaft(sensor: &str) -> Result<Job, String> {
     let text = std::fs::read_to_string(file).unwrap();
     assert!(text.contains("[sensor]\n"));
     let text = text.replace("[sensor]\n", &format!("[sensor]\n{sensor}\n"));
-    Job::parse(&text, "shaft.toml").map_err(|error| error.to_string())
+    TurningJob::parse(&text, "shaft.toml").map_err(|error| error.to_string())
 }
 
 /// Reading of each kind for 2200 N at 60 mm and 500 rev/min, computed by hand.
@@ -100,7 +100,7 @@ fn facing_by_torque_power_current_keeps_the_load() {
             .replace("kind = \"longitudinal\"", "kind = \"facing\"")
             .replace("diameter_mm = 60.0", "diameter_mm = 160.0")
             .replace("length_mm = 200.0", &format!("length_mm = {length:.1}"));
-        Job::parse(&text, "face.toml").map_err(|error| error.to_string())
+        TurningJob::parse(&text, "face.toml").map_err(|error| error.to_string())
     };
     for (text, _) in kinds() {
         let job = facing(text, 55.0).unwrap();

@@ -7,8 +7,8 @@
 )]
 
 use evolvent_turning::{
-    BackOff, Blank, Cone, Figures, Simulation, Strategy, Tool, TurningInputs, TurningSettings, TurningState,
-    run_fixed_at_load,
+    BackOff, Blank, Cone, CuttingEdge, Figures, Simulation, Strategy, TurningInputs, TurningSettings,
+    TurningState, run_fixed_at_load,
 };
 
 use crate::common::{
@@ -72,7 +72,7 @@ fn no_height_of_stock_overloads_at_the_shoulder() {
 #[test]
 fn edges_of_any_lead_leave_one_wall() {
     for lead_deg in [30.0, 45.0, 75.0, 85.0, 89.0] {
-        let tool = Tool::new(lead_deg, 12.0).unwrap();
+        let tool = CuttingEdge::new(lead_deg, 12.0).unwrap();
         let regime = regime_of(&tool, BackOff::Balanced);
         let settings = TurningSettings {
             strategy: Strategy::safe(&regime),

@@ -8,7 +8,7 @@ use crate::{Call, SPINDLES, TurningCycle};
 
 /// One canonical command, with the program line it comes from.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Command {
+pub struct CanonicalCommand {
     /// Physical line in the file, from 1.
     pub line: u32,
     /// The action.

@@ -1,7 +1,7 @@
 //! RS274/NGC interpreter: program text in, a lazy stream of canonical commands out, and errors with their
 //! position.
 //!
-//! Input: text from any [`BufRead`](std::io::BufRead) and [`Settings`]. Output: an iterator over [`Command`]s
+//! Input: text from any [`BufRead`](std::io::BufRead) and [`Settings`]. Output: an iterator over [`CanonicalCommand`]s
 //! in machine coordinates, and [`Diagnostic`]s.
 //!
 //! ```
@@ -45,7 +45,7 @@
 //!
 //! Commands are free of modes: a [`Move`] carries a curve in machine coordinates in mm and degrees, a speed
 //! in mm/s and the path control mode, so planners know no units, planes, offsets, cycles or cutter radius. In
-//! G95 the feed of a move is that at the commanded spindle speed, and the [`Command`] has the feed per
+//! G95 the feed of a move is that at the commanded spindle speed, and the [`CanonicalCommand`] has the feed per
 //! revolution; in G96 such a move is divided into pieces of nearly constant speed.
 //!
 //! # Guarantees
@@ -71,7 +71,7 @@ mod syntax;
 mod tables;
 
 pub use codes::code::Code;
-pub use command::{Action, CallChain, Command, LogAction, Origin, SpindleDirection};
+pub use command::{Action, CallChain, CanonicalCommand, LogAction, Origin, SpindleDirection};
 pub use diagnostics::diagnostic::{Call, Diagnostic};
 pub use evolvent_path::{Move, MoveKind, PathMode};
 pub use execution::cycles::turning::{TurningCycle, TurningKind};

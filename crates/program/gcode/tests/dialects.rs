@@ -1,6 +1,6 @@
 //! Lines of other dialects: the replacements that errors name, what is accepted, and warnings.
 
-use evolvent_gcode::{Action, Code, Command, MachineFeatures, Settings, ToolTable};
+use evolvent_gcode::{Action, CanonicalCommand, Code, MachineFeatures, Settings, ToolTable};
 
 use crate::interpreted::{errors, interpret};
 use crate::lathe_dialects::on_lathe;
@@ -163,7 +163,7 @@ fn a_dwell_of_a_thousand_seconds_is_warned_of() {
     let warnings = |program: &str| {
         let (commands, errors) = interpret(program, Settings::default());
         assert!(errors.is_empty(), "{errors:?}");
-        let is_warning = |command: &&Command| matches!(command.action, Action::Warning(_));
+        let is_warning = |command: &&CanonicalCommand| matches!(command.action, Action::Warning(_));
         commands.iter().filter(is_warning).cloned().collect::<Vec<_>>()
     };
     let found = warnings("G0 X1\nG4 P1000\n");

@@ -1,9 +1,9 @@
 //! Programs interpreted to their end.
 
-use evolvent_gcode::{Command, Diagnostic, Interpreter, Settings};
+use evolvent_gcode::{CanonicalCommand, Diagnostic, Interpreter, Settings};
 
 /// Commands and errors of a program.
-pub(crate) fn interpret(program: &str, settings: Settings) -> (Vec<Command>, Vec<Diagnostic>) {
+pub(crate) fn interpret(program: &str, settings: Settings) -> (Vec<CanonicalCommand>, Vec<Diagnostic>) {
     let (mut commands, mut errors) = (Vec::new(), Vec::new());
     for command in Interpreter::new(program.as_bytes(), settings) {
         match command {

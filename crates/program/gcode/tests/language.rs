@@ -2,11 +2,12 @@
 //! hand.
 
 use evolvent_gcode::{
-    Action, Command, Interpreter, Move, MoveKind, PathMode, Settings, SpindleDirection as Turn, StartOffsets,
+    Action, CanonicalCommand, Interpreter, Move, MoveKind, PathMode, Settings, SpindleDirection as Turn,
+    StartOffsets,
 };
 use evolvent_path::{Axes, Curve};
 
-fn commands_with(program: &str, settings: Settings) -> Vec<Command> {
+fn commands_with(program: &str, settings: Settings) -> Vec<CanonicalCommand> {
     let (good, bad): (Vec<_>, Vec<_>) =
         Interpreter::new(program.as_bytes(), settings).partition(Result::is_ok);
     let shown: Vec<_> = bad

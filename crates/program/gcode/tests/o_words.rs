@@ -1,7 +1,7 @@
 //! Errors of O-words: one for each mistake, in the order of lines, with the word and the line with which its
 //! block starts.
 
-use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Settings};
+use evolvent_gcode::{Action, CanonicalCommand, Code, Diagnostic, Interpreter, Settings};
 
 use crate::interpreted::interpret;
 
@@ -246,7 +246,7 @@ fn warnings(program: &str, settings: Settings) -> Vec<(u32, String)> {
         matches!(commands.last().map(|last| &last.action), Some(Action::ProgramEnd)),
         "{program}: {commands:?}"
     );
-    let warning = |command: &Command| match &command.action {
+    let warning = |command: &CanonicalCommand| match &command.action {
         Action::Warning(text) => Some((command.line, text.clone())),
         _ => None,
     };

@@ -5,12 +5,12 @@
 use std::f64::consts::TAU;
 
 use evolvent_gcode::{
-    Action, Command, Interpreter, MachineFeatures, MoveKind, Outputs, PathMode, Settings, SpindleDirection,
-    SpindleOutput,
+    Action, CanonicalCommand, Interpreter, MachineFeatures, MoveKind, Outputs, PathMode, Settings,
+    SpindleDirection, SpindleOutput,
 };
 use evolvent_path::SurfaceSpeed;
 
-fn run(program: &str) -> Vec<Command> {
+fn run(program: &str) -> Vec<CanonicalCommand> {
     let settings = Settings {
         features: MachineFeatures {
             lathe: true,
@@ -24,7 +24,7 @@ fn run(program: &str) -> Vec<Command> {
         .collect()
 }
 
-fn spindles(commands: &[Command]) -> Vec<Action> {
+fn spindles(commands: &[CanonicalCommand]) -> Vec<Action> {
     let told = commands.iter().map(|command| command.action.clone());
     told.filter(|action| matches!(action, Action::Spindle { .. } | Action::SurfaceSpeed { .. }))
         .collect()

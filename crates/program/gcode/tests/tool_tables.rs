@@ -1,6 +1,6 @@
 //! Tools missing from the table, and programs without a table.
 
-use evolvent_gcode::{Action, Code, Command, Settings, ToolTable};
+use evolvent_gcode::{Action, CanonicalCommand, Code, Settings, ToolTable};
 
 use crate::interpreted::{errors, interpret};
 
@@ -32,8 +32,7 @@ fn offsets_without_a_tool_table_are_errors() {
     };
     let (commands, found) = interpret("T1 M6\nG43 H1\n", lenient);
     assert!(found.is_empty(), "{found:?}");
-    let is_told =
-        |command: &Command| matches!(&command.action, Action::Warning(text) if text.contains("tool 1"));
+    let is_told = |command: &CanonicalCommand| matches!(&command.action, Action::Warning(text) if text.contains("tool 1"));
     assert!(commands.iter().any(is_told), "{commands:?}");
     let with_table = Settings {
         tools: Some(ToolTable::parse("T2 P2 Z3\n").unwrap()),

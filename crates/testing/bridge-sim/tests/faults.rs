@@ -12,7 +12,8 @@ use std::collections::VecDeque;
 use evolvent_bridge_sim::{Fault, FaultKind, SimBridge, SimSettings};
 use evolvent_bus::{AXES, Feedback, Setpoint};
 use evolvent_drive::{
-    Brake, BrakeState, Command, DriveAlarm, DriveState, FeedbackWatch, PowerRequest, Presence, WatchSettings,
+    Brake, BrakeState, DriveAlarm, DriveSetpoint, DriveState, FeedbackWatch, PowerRequest, Presence,
+    WatchSettings,
 };
 
 const PERIOD_NS: u64 = 1_000_000;
@@ -101,7 +102,7 @@ impl Core {
             setpoint.velocity[axis] = state.velocity;
             setpoint.acceleration[axis] = state.acceleration;
         }
-        match self.watch.step(now_ns, &Command::of(&setpoint), feedback) {
+        match self.watch.step(now_ns, &DriveSetpoint::of(&setpoint), feedback) {
             Ok(Presence::Operational) if self.alarm.is_none() => {
                 self.moving_since.get_or_insert(self.cycle + 1);
             }

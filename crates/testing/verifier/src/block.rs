@@ -6,7 +6,7 @@ use crate::piece::Piece;
 
 /// A move of the program, as used by the judge.
 #[derive(Clone, Debug)]
-pub struct Block {
+pub struct VerifiedMove {
     pub(crate) piece: Piece,
     pub(crate) length: f64,
     pub(crate) end: Axes,

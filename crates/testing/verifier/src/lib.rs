@@ -43,7 +43,7 @@ mod straight;
 mod suite;
 mod verdict;
 
-pub use block::Block;
+pub use block::VerifiedMove;
 pub use judge::Judge;
 pub use route::{Route, RouteError};
 pub use suite::{Program, butterfly_point, butterfly_program, suite};

@@ -2,12 +2,12 @@
 
 use std::io::BufRead;
 
-use evolvent_gcode::{Action, Command, Diagnostic, Interpreter, Move, PathMode, Settings};
+use evolvent_gcode::{Action, CanonicalCommand, Diagnostic, Interpreter, Move, PathMode, Settings};
 use evolvent_machine::Machine;
 use evolvent_path::{Axes, FeedMetric};
 use thiserror::Error;
 
-use crate::block::Block;
+use crate::block::VerifiedMove;
 use crate::measure::distance;
 use crate::piece::Piece;
 
@@ -61,7 +61,7 @@ pub enum RouteError {
 #[derive(Clone, Debug)]
 pub struct Route {
     start: Axes,
-    pub(crate) blocks: Vec<Block>,
+    pub(crate) blocks: Vec<VerifiedMove>,
 }
 
 impl Route {
@@ -80,7 +80,7 @@ impl Route {
     /// # Errors
     /// [`RouteError`] for the first wrong command.
     pub fn of(
-        commands: impl IntoIterator<Item = Result<Command, Diagnostic>>,
+        commands: impl IntoIterator<Item = Result<CanonicalCommand, Diagnostic>>,
         start: Axes,
         machine: &Machine,
     ) -> Result<Self, RouteError> {
@@ -127,7 +127,7 @@ impl Route {
 
     /// The blocks.
     #[must_use]
-    pub fn blocks(&self) -> &[Block] {
+    pub fn blocks(&self) -> &[VerifiedMove] {
         &self.blocks
     }
 
@@ -167,7 +167,7 @@ impl Route {
         let middle = piece.tangent(0.5 * length);
         // A move without any motion is skipped.
         if let (Some(metric), true) = (FeedMetric::of(&middle), length > 0.0) {
-            self.blocks.push(Block {
+            self.blocks.push(VerifiedMove {
                 end: motion.curve.end(),
                 piece,
                 length,

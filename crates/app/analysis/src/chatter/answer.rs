@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use evolvent_chatter::{
     Assessment, Assessor, ChatterError, CuttingTool, Fit, Laws, MapCell, Mapper, Measure, Model,
-    OscillationCase, Verdict, least_squares, nearest_stable,
+    OscillationCase, StabilityVerdict, least_squares, nearest_stable,
 };
 use evolvent_cutting::Cut;
 
@@ -38,7 +38,7 @@ pub(crate) struct SweepPoint {
     pub(crate) speed_m_min: f64,
     /// `None` without a steady cut or without force.
     pub(crate) growth_per_s: Option<f64>,
-    pub(crate) verdict: Option<Verdict>,
+    pub(crate) verdict: Option<StabilityVerdict>,
     /// Amplitude of V2, m, frequency, Hz, and stability of each cycle, largest first.
     pub(crate) cycles: Vec<(f64, f64, bool)>,
 }
@@ -56,7 +56,7 @@ pub(crate) fn answer(
     };
     let model = Model::new(tool, laws.laws()).map_err(failed)?;
     let assessment = Assessor::new(asked.harmonics).assess(&model).map_err(failed)?;
-    let stable_m_min = if assessment.verdict == Verdict::Stable {
+    let stable_m_min = if assessment.verdict == StabilityVerdict::Stable {
         [None; 2]
     } else {
         let range = [1.01 * tool.floor_m_min, 10.0 * tool.speed_m_min];

@@ -1,6 +1,6 @@
 //! The map of speed and depth.
 
-use evolvent_chatter::{Case, MapCell, MapRange, Verdict};
+use evolvent_chatter::{Case, MapCell, MapRange, StabilityVerdict};
 
 use super::answer::Answer;
 use super::chart::{Chart, STYLE, WIDTH, foot};
@@ -68,10 +68,10 @@ fn tone(ends: [[f64; 3]; 2], share: f64) -> String {
 fn colour(cell: &MapCell, most: f64) -> String {
     let share = cell.amplitude_m / most.max(1e-12);
     match cell.verdict {
-        Some(Verdict::Stable) => STABLE.to_owned(),
-        Some(Verdict::SelfExcited) => tone(EXCITED, share),
-        Some(Verdict::Bistable) => tone(BISTABLE, share),
-        Some(Verdict::OutOfModel) => LOST.to_owned(),
+        Some(StabilityVerdict::Stable) => STABLE.to_owned(),
+        Some(StabilityVerdict::SelfExcited) => tone(EXCITED, share),
+        Some(StabilityVerdict::Bistable) => tone(BISTABLE, share),
+        Some(StabilityVerdict::OutOfModel) => LOST.to_owned(),
         None => NONE.to_owned(),
     }
 }

@@ -1,6 +1,6 @@
 //! The picture of a cut that may vibrate: phase portrait, force, and cycles over speed.
 
-use evolvent_chatter::{Case, Model, Verdict};
+use evolvent_chatter::{Case, Model, StabilityVerdict};
 
 use super::answer::{Answer, SweepPoint};
 use super::chart::{Chart, STABLE, STYLE, UNSTABLE, WIDTH, foot, range_of};
@@ -75,7 +75,7 @@ fn portrait(svg: &mut Svg, answer: &Answer) {
     svg.circle(chart.place(rest, 0.0), 4.0, "mark");
     if orbits.is_empty() {
         let text = match answer.assessment.verdict {
-            Verdict::OutOfModel => "no cycle within the model: vibration grows out of it",
+            StabilityVerdict::OutOfModel => "no cycle within the model: vibration grows out of it",
             _ => "no cycle: every disturbance within the model dies out",
         };
         svg.text((320.0, 140.0), Anchor::Middle, "", text);
@@ -147,10 +147,10 @@ fn bands(svg: &mut Svg, chart: &Chart, sweep: &[SweepPoint]) {
             continue;
         }
         let colour = match sweep[k].verdict {
-            Some(Verdict::Bistable) => Some(BISTABLE_BAND),
-            Some(Verdict::SelfExcited) => Some(EXCITED_BAND),
-            Some(Verdict::OutOfModel) => Some(LOST_BAND),
-            Some(Verdict::Stable) => None,
+            Some(StabilityVerdict::Bistable) => Some(BISTABLE_BAND),
+            Some(StabilityVerdict::SelfExcited) => Some(EXCITED_BAND),
+            Some(StabilityVerdict::OutOfModel) => Some(LOST_BAND),
+            Some(StabilityVerdict::Stable) => None,
             None => Some("#dddddd"),
         };
         if let Some(colour) = colour {

@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 
 use evolvent_chatter::{
-    AssessedCycle, Assessment, Case, ChatterKind, Cycle, DropReason, Fate, FoundBy, Measure, ScanEnd, Verdict,
+    AssessedCycle, Assessment, Case, ChatterKind, Cycle, DropReason, Fate, FoundBy, Measure, ScanEnd,
+    StabilityVerdict,
 };
 use serde_json::{Value, json};
 
@@ -35,24 +36,26 @@ fn speed(answer: &Answer, speed_m_min: f64) -> String {
 fn sentence(assessment: &Assessment) -> &'static str {
     let grows = assessment.equilibrium.growth_per_s() > 0.0;
     match (assessment.verdict, grows, assessment.can_leave()) {
-        (Verdict::Stable, ..) => "stable: every disturbance within the model dies out",
-        (Verdict::Bistable, _, false) => {
+        (StabilityVerdict::Stable, ..) => "stable: every disturbance within the model dies out",
+        (StabilityVerdict::Bistable, _, false) => {
             "bistable: steady until an impulse beyond the unstable cycle sets it vibrating"
         }
-        (Verdict::Bistable, _, true) => {
+        (StabilityVerdict::Bistable, _, true) => {
             "bistable: steady until an impulse sets it vibrating, and a large one leaves the model"
         }
-        (Verdict::SelfExcited, _, false) => "vibrates by itself",
-        (Verdict::SelfExcited, _, true) => "vibrates by itself, and a large impulse leaves the model",
-        (Verdict::OutOfModel, true, _) => {
+        (StabilityVerdict::SelfExcited, _, false) => "vibrates by itself",
+        (StabilityVerdict::SelfExcited, _, true) => {
+            "vibrates by itself, and a large impulse leaves the model"
+        }
+        (StabilityVerdict::OutOfModel, true, _) => {
             "leaves the model by itself: vibration grows until the speed falls to the floor or contact is \
              lost"
         }
-        (Verdict::OutOfModel, false, false) if assessment.is_in_doubt() => {
+        (StabilityVerdict::OutOfModel, false, false) if assessment.is_in_doubt() => {
             "not known to be stable: the balance has a vibration that integration in time does not confirm; \
              an impulse may set it going"
         }
-        (Verdict::OutOfModel, false, _) => {
+        (StabilityVerdict::OutOfModel, false, _) => {
             "leaves the model after an impulse: steady until then, but beyond the unstable cycle vibration \
              grows until the \
              speed falls to the floor or contact is lost"
@@ -113,7 +116,7 @@ fn oscillation_text(text: &mut String, case: &Case, answer: &Answer) -> std::fmt
     if let Some(transient) = &answer.transient {
         text.push_str(&transient.text());
     }
-    if answer.assessment.verdict != Verdict::Stable {
+    if answer.assessment.verdict != StabilityVerdict::Stable {
         // Rounded away from the stability limit, so that the printed value is stable.
         let rounded = |at: f64, round: fn(f64) -> f64| {
             let rpm = rpm(answer, at).map_or(String::new(), |rpm| format!(" ({:.0} rpm)", round(rpm)));
@@ -507,7 +510,7 @@ fn sweep_json(answer: &Answer) -> Vec<Value> {
         json!({
             "speed_m_min": point.speed_m_min,
             "growth_per_s": point.growth_per_s,
-            "verdict": point.verdict.map(Verdict::as_str),
+            "verdict": point.verdict.map(StabilityVerdict::as_str),
             "cycles": point.cycles.iter().map(|cycle| json!({
                 "amplitude_mm": 1e3 * cycle.0, "frequency_hz": cycle.1, "stable": cycle.2,
             })).collect::<Vec<_>>(),
@@ -525,7 +528,7 @@ fn maps_json(answer: &Answer) -> Vec<Value> {
             "depth_mm": range.depth_mm,
             "columns": range.columns,
             "rows": range.rows,
-            "verdict": cells.iter().map(|cell| cell.verdict.map(Verdict::as_str)).collect::<Vec<_>>(),
+            "verdict": cells.iter().map(|cell| cell.verdict.map(StabilityVerdict::as_str)).collect::<Vec<_>>(),
             "growth_per_s": cells.iter().map(|cell| cell.growth_per_s).collect::<Vec<_>>(),
             "amplitude_mm": cells.iter().map(|cell| 1e3 * cell.amplitude_m).collect::<Vec<_>>(),
             "frequency_hz": cells.iter().map(|cell| cell.frequency_hz).collect::<Vec<_>>(),

@@ -1,6 +1,6 @@
 //! The response to an impulse: deflection over time, and its spiral in the phase plane.
 
-use evolvent_chatter::{Assessment, Case, CuttingTool, Fate, Follower, Laws, Model, State};
+use evolvent_chatter::{Assessment, Case, CuttingTool, Fate, Laws, Model, State, TransientFollower};
 use serde_json::{Value, json};
 
 use super::answer::Answer;
@@ -34,7 +34,7 @@ pub(crate) fn transient(
 ) -> Option<Transient> {
     let model = Model::new(tool, laws).ok()?;
     let rest = &assessment.equilibrium;
-    let follower = Follower::new(model, rest);
+    let follower = TransientFollower::new(model, rest);
     let kick_m_s = kick_m_s.unwrap_or(DEFAULT_PART * follower.reach_m_s());
     let (cos, sin) = model.machine_axes(1.0, 0.0);
     // Along z: V1 has its sine, V2 its cosine.
@@ -45,7 +45,7 @@ pub(crate) fn transient(
     let samples = follower.samples(start, duration_s);
     let end_s = samples.last().map_or(0.0, |(time, _)| *time);
     // The last step may be shorter.
-    let is_cut_off = samples.len() > Follower::MAX_STEPS && end_s < (1.0 - 1e-5) * duration_s;
+    let is_cut_off = samples.len() > TransientFollower::MAX_STEPS && end_s < (1.0 - 1e-5) * duration_s;
     Some(Transient {
         kick_m_s,
         fate: follower.fate(start),
@@ -83,7 +83,7 @@ impl Transient {
         let cut_off = match (self.cut_off_s, self.samples.last()) {
             (Some(asked), Some((shown, _))) => format!(
                 "; {shown:.1} s of {asked} s shown, which are {} steps",
-                Follower::MAX_STEPS
+                TransientFollower::MAX_STEPS
             ),
             _ => String::new(),
         };

@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
-use evolvent_chatter::{CuttingTool, MapCell, Mapper, OscillationCase, Verdict, nearest_stable};
-use evolvent_gcode::{Action, Command, Move, MoveKind, SPINDLES, SpindleDirection};
+use evolvent_chatter::{CuttingTool, MapCell, Mapper, OscillationCase, StabilityVerdict, nearest_stable};
+use evolvent_gcode::{Action, CanonicalCommand, Move, MoveKind, SPINDLES, SpindleDirection};
 use evolvent_machine::MachineKind;
 use evolvent_path::{AxisLetter, SurfaceSpeed};
 use evolvent_runtime::{CheckBound, CheckBounds, Commands, Setup, Unchecked};
@@ -268,7 +268,7 @@ impl Spindles {
     }
 
     /// The spindle of a cut: that of G95; otherwise, of the turning spindles, the one that was started last.
-    fn of_cut(&self, command: &Command) -> (u32, Spindle) {
+    fn of_cut(&self, command: &CanonicalCommand) -> (u32, Spindle) {
         let of = |number: u32| self.now.get(number as usize).copied().unwrap_or(Spindle::Still);
         if command.feed_mm_rev.is_some() {
             return (command.feed_spindle, of(command.feed_spindle));
@@ -314,19 +314,19 @@ fn cut_of(tool: &CuttingTool) -> Cut {
 /// The worst cut of a line; its stable speeds are searched at the end.
 struct Finding {
     warning: ChatterWarning,
-    verdict: Verdict,
+    verdict: StabilityVerdict,
     tool: CuttingTool,
     /// Circumference of the cut, m.
     around: f64,
 }
 
 /// How severe a verdict is: a vibration that leaves the model is large, and has no amplitude.
-fn severity(verdict: Verdict) -> u8 {
+fn severity(verdict: StabilityVerdict) -> u8 {
     match verdict {
-        Verdict::Stable => 0,
-        Verdict::Bistable => 1,
-        Verdict::SelfExcited => 2,
-        Verdict::OutOfModel => 3,
+        StabilityVerdict::Stable => 0,
+        StabilityVerdict::Bistable => 1,
+        StabilityVerdict::SelfExcited => 2,
+        StabilityVerdict::OutOfModel => 3,
     }
 }
 
@@ -414,7 +414,7 @@ impl Look<'_> {
                 continue;
             };
             let verdict = match cell.verdict {
-                Some(Verdict::Stable) | None => continue,
+                Some(StabilityVerdict::Stable) | None => continue,
                 Some(verdict) => verdict,
             };
             let is_worse = self.found.get(&line).is_none_or(|known| {

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use evolvent_config::ProgramNumber;
 use evolvent_machine::TurningWords;
-use evolvent_turning::{CutKind, Job};
+use evolvent_turning::{CutKind, TurningJob};
 
 use super::trial::{Stretch, TurningTrial};
 
@@ -55,7 +55,7 @@ pub(crate) fn program(trial: &TurningTrial) -> String {
 }
 
 /// The job as a program of one load-adaptive cycle: the tool approaches from outside and returns there.
-pub(crate) fn cycle_program(job: &Job, words: TurningWords) -> String {
+pub(crate) fn cycle_program(job: &TurningJob, words: TurningWords) -> String {
     let (cut, settings) = (&job.cut, &job.settings);
     let (x, z) = cut.position_mm(0.0, settings.allowance_max_mm);
     let step_mm = settings.cone.map_or(settings.length_mm, |cone| cone.from_mm);

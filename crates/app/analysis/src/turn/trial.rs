@@ -7,7 +7,7 @@ use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
 use evolvent_runtime::{Clock, Controls, Job as Run, Notice, RunObserver, Setup, run_seen};
 use evolvent_turning::{
-    Blank, CutKind, CutNow, Figures, Job, ScalarLimits, Transition, TurningOutput, TurningSettings,
+    Blank, CutKind, CutNow, Figures, ScalarLimits, Transition, TurningJob, TurningOutput, TurningSettings,
     TurningState, run_fixed_at_load,
 };
 
@@ -46,7 +46,7 @@ pub(crate) struct Stretch {
 
 /// The result of a job tried on its stock.
 pub struct TurningTrial {
-    pub(crate) job: Job,
+    pub(crate) job: TurningJob,
     pub(crate) blank: Blank,
     pub(crate) highest_mm: f64,
     pub(crate) figures: Figures,
@@ -87,7 +87,7 @@ impl TurningTrial {
     ///
     /// # Errors
     /// A machine that is not a lathe, a job that does not suit it, or a run that cannot start.
-    pub fn run(mut job: Job, machine: &Path, route: &TurningRoute<'_>) -> Result<Self, AnalysisError> {
+    pub fn run(mut job: TurningJob, machine: &Path, route: &TurningRoute<'_>) -> Result<Self, AnalysisError> {
         let usage = |text: String| AnalysisError::Input(text);
         let mut setup = load_setup(machine, None)?;
         let limits = setup.machine.limits();

@@ -3,8 +3,8 @@
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
 
-use evolvent_gcode::{Command, Diagnostic, Interpreter, KeptParameters, ToolTable};
-use evolvent_motion::{State, flags};
+use evolvent_gcode::{CanonicalCommand, Diagnostic, Interpreter, KeptParameters, ToolTable};
+use evolvent_motion::{MotionState, flags};
 use evolvent_path::Axes;
 use evolvent_runtime::{JobStart, Moved, ProgramMemory, ProgramStart, ServedAgain, Setup, Switched};
 use evolvent_trace::{CycleRecord, inputs as bits};
@@ -427,7 +427,7 @@ impl Served<'_> {
             self.load = recorded.inputs.load;
         }
         let by_nothing = matches!(moved, Moved::ByNothing(_));
-        if by_nothing && self.lost && is_at_rest(&record) && record.state != State::Stopping as u8 {
+        if by_nothing && self.lost && is_at_rest(&record) && record.state != MotionState::Stopping as u8 {
             let position = record.position.into();
             self.again
                 .place_at(self.travel, record.sequence, position, record.path_mm);
@@ -457,9 +457,11 @@ impl Served<'_> {
                 record.sequence
             ));
         }
-        if record.state == State::Fault as u8 && matches!(setpoint.state, State::Stopping | State::Stopped) {
+        if record.state == MotionState::Fault as u8
+            && matches!(setpoint.state, MotionState::Stopping | MotionState::Stopped)
+        {
             // The drives or the planner had failed, which is not a recorded input.
-            setpoint.state = State::Fault;
+            setpoint.state = MotionState::Fault;
         }
         if by_nothing {
             setpoint.flags |= record.flags & flags::LAST;
@@ -522,7 +524,7 @@ struct AsRead<'a, R> {
 }
 
 impl<R: BufRead> Iterator for AsRead<'_, R> {
-    type Item = Result<Command, Diagnostic>;
+    type Item = Result<CanonicalCommand, Diagnostic>;
 
     fn next(&mut self) -> Option<Self::Item> {
         for switched in self.switched {
@@ -568,7 +570,11 @@ fn moved_by(record: &CycleRecord, load: Option<LoadSample>) -> Moved {
             stop: record.inputs & bits::STOP != 0,
         }
     } else {
-        let fault = record.state == State::Fault as u8;
-        Moved::ByNothing(if fault { State::Fault } else { State::Idle })
+        let fault = record.state == MotionState::Fault as u8;
+        Moved::ByNothing(if fault {
+            MotionState::Fault
+        } else {
+            MotionState::Idle
+        })
     }
 }

@@ -1,10 +1,10 @@
 //! Commands as steps of the plan.
 
-use evolvent_gcode::{Action, Command, Move, MoveKind};
+use evolvent_gcode::{Action, CanonicalCommand, Move, MoveKind};
 use evolvent_motion::QueueClosed;
 use evolvent_path::Curve;
 use evolvent_planner::{PlanError, PlanSink, Step};
-use evolvent_signals::{Change, Moment as SignalMoment, OverrideSwitches};
+use evolvent_signals::{OutputChange, OverrideSwitches, SignalMoment};
 
 use super::{CARRIER_NAP, Feeder};
 use crate::news::{Moment, StopKind, UserCall, describe};
@@ -13,7 +13,7 @@ use crate::switches::SwitchState;
 
 impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     /// Plans a command. Returns `false` at the end of the program.
-    pub(super) fn execute(&mut self, command: &Command) -> Result<bool, PlanError<QueueClosed>> {
+    pub(super) fn execute(&mut self, command: &CanonicalCommand) -> Result<bool, PlanError<QueueClosed>> {
         let line = command.line;
         match &command.action {
             Action::Move(motion) => {
@@ -65,7 +65,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             } => {
                 let (index, on) = (*index, *on);
                 let text = format!("output {index} {}", if on { "on" } else { "off" });
-                let set = |change: &mut Change| change.set_digital(index, on);
+                let set = |change: &mut OutputChange| change.set_digital(index, on);
                 self.set_output(line, *synchronised, &text, set)?;
             }
             Action::AnalogOutput {
@@ -75,7 +75,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             } => {
                 let (index, value) = (*index, *value);
                 let text = format!("analog output {index} {value}");
-                let set = |change: &mut Change| change.set_analog(index, value);
+                let set = |change: &mut OutputChange| change.set_analog(index, value);
                 self.set_output(line, *synchronised, &text, set)?;
             }
             Action::Overrides {
@@ -198,7 +198,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
         let block = self.next_block - u32::from(continues && self.next_block > 0);
         if !self.next.change.is_empty() {
-            let nothing = Change::at(SignalMoment::Block(block));
+            let nothing = OutputChange::at(SignalMoment::Block(block));
             let mut change = std::mem::replace(&mut self.next.change, nothing);
             change.moment = SignalMoment::Block(block);
             self.schedule(|signals| signals.change(change))

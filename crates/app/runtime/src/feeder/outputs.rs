@@ -1,9 +1,9 @@
 //! Outputs, spindle, coolant and the feed law: changes with a block or at rest.
 
-use evolvent_gcode::{Action, Command, Move, MoveKind, Outputs, SPINDLES, SpindleDirection};
+use evolvent_gcode::{Action, CanonicalCommand, Move, MoveKind, Outputs, SPINDLES, SpindleDirection};
 use evolvent_motion::QueueClosed;
 use evolvent_planner::{PlanError, PlanSink, Step};
-use evolvent_signals::{Change, FeedLaw, Moment as SignalMoment, OverrideSwitches, Scheduler, SpindleTarget};
+use evolvent_signals::{FeedLaw, OutputChange, OverrideSwitches, Scheduler, SignalMoment, SpindleTarget};
 
 use super::{CARRIER_NAP, Feeder};
 use crate::news::describe;
@@ -11,7 +11,7 @@ use crate::news::describe;
 /// Changes that take effect with the next block.
 pub(super) struct NextBlock {
     /// Outputs that change with it (M62, M63, M67), and the line that set them last.
-    pub(super) change: Change,
+    pub(super) change: OutputChange,
     pub(super) line: u32,
     /// The feed law that was scheduled last.
     pub(super) feed_law: FeedLaw,
@@ -33,7 +33,7 @@ pub(super) struct NextBlock {
 impl NextBlock {
     pub(super) fn new(outputs: &Outputs) -> Self {
         Self {
-            change: Change::at(SignalMoment::Block(0)),
+            change: OutputChange::at(SignalMoment::Block(0)),
             line: 0,
             feed_law: FeedLaw::default(),
             override_counts: true,
@@ -68,7 +68,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         line: u32,
         is_synchronised: bool,
         text: &str,
-        set: impl Fn(&mut Change),
+        set: impl Fn(&mut OutputChange),
     ) -> Result<(), PlanError<QueueClosed>> {
         if is_synchronised {
             set(&mut self.next.change);
@@ -83,9 +83,9 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         &mut self,
         line: u32,
         text: &str,
-        set: impl Fn(&mut Change),
+        set: impl Fn(&mut OutputChange),
     ) -> Result<(), PlanError<QueueClosed>> {
-        let mut change = Change::at(SignalMoment::Rest(self.actions));
+        let mut change = OutputChange::at(SignalMoment::Rest(self.actions));
         set(&mut change);
         self.schedule(|signals| signals.change(change))
             .map_err(PlanError::Sink)?;
@@ -156,7 +156,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     }
 
     /// Sets the feed law of a move, by time or by spindle, from its block on.
-    pub(super) fn go_by(&mut self, command: &Command, motion: &Move) {
+    pub(super) fn go_by(&mut self, command: &CanonicalCommand, motion: &Move) {
         let outputs = &self.periphery.outputs;
         if motion.kind == MoveKind::Rapid {
             let moves_x = motion.curve.start()[0] != motion.curve.end()[0];
@@ -191,9 +191,9 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
         self.next.feed_law = FeedLaw::Time;
         self.next.change.feed_law = None;
-        let change = Change {
+        let change = OutputChange {
             feed_law: Some(FeedLaw::Time),
-            ..Change::at(SignalMoment::Rest(self.actions))
+            ..OutputChange::at(SignalMoment::Rest(self.actions))
         };
         self.schedule(|signals| signals.change(change))
             .map_err(PlanError::Sink)
@@ -213,9 +213,9 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
 
     /// With the virtual clock, a spindle turns as commanded from the next action on.
     pub(super) fn turn_virtual_spindle(&mut self, spindle: u32) -> Result<(), QueueClosed> {
-        let change = Change {
+        let change = OutputChange {
             spindle: Some(self.spindle_target(spindle)),
-            ..Change::at(SignalMoment::Rest(self.actions))
+            ..OutputChange::at(SignalMoment::Rest(self.actions))
         };
         self.schedule(|signals| signals.change(change))
     }

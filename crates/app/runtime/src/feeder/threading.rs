@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use evolvent_gcode::Command;
+use evolvent_gcode::CanonicalCommand;
 use evolvent_motion::{QueueClosed, ThreadPass, ThreadResult, Threading, ThreadingSender};
 use evolvent_planner::{PlanError, PlanSink, Step};
-use evolvent_signals::{Change, Moment as SignalMoment};
+use evolvent_signals::{OutputChange, SignalMoment};
 
 use super::Feeder;
 use super::links::hand_over;
@@ -38,7 +38,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     /// preceding pass. Returns whether the piece was taken.
     pub(super) fn collect_thread(
         &mut self,
-        command: &Command,
+        command: &CanonicalCommand,
         program: &Path,
     ) -> Result<bool, ThreadTrouble> {
         if self.chain.take(command) {
@@ -95,7 +95,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         run_in_mm: f64,
         line: u32,
     ) -> Result<ThreadResult, QueueClosed> {
-        let mut change = std::mem::replace(&mut self.next.change, Change::at(SignalMoment::Block(0)));
+        let mut change = std::mem::replace(&mut self.next.change, OutputChange::at(SignalMoment::Block(0)));
         let action = self.actions;
         self.actions += 1;
         if chain.spindle() != self.next.follows {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use evolvent_gcode::{Action, Command, Diagnostic};
+use evolvent_gcode::{Action, CanonicalCommand, Diagnostic};
 use evolvent_machine::ToolChange;
 use evolvent_motion::QueueClosed;
 use evolvent_planner::{PlanError, PlanSink};
@@ -18,7 +18,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         &self,
         tool: u32,
         program: &Path,
-        command: &Command,
+        command: &CanonicalCommand,
     ) -> Option<Diagnostic> {
         let present = self.periphery.tool;
         match waits_for(self.setup.machine.program.tool_change, tool, present)? {

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use evolvent_gcode::{Action, Command};
+use evolvent_gcode::{Action, CanonicalCommand};
 use evolvent_machine::{AtSpeed, SignalKind};
 use evolvent_motion::{ProbeMove, ProbeResult, ProbeVerdict, ProcessCycle, QueueClosed};
 use evolvent_path::{Axes, AxisLetter};
 use evolvent_planner::{PlanError, PlanSink, Step};
-use evolvent_signals::{Awaited, Change, FeedLaw, InputWait, Moment as SignalMoment, Scheduler, WaitMode};
+use evolvent_signals::{Awaited, FeedLaw, InputWait, OutputChange, Scheduler, SignalMoment, WaitMode};
 
 use super::links::{CycleLinks, hand_over};
 use super::{Feeder, INPUT_NAP};
@@ -33,7 +33,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     /// Carries out a command and waits until it is complete.
     pub(super) fn wait_out(
         &mut self,
-        command: &Command,
+        command: &CanonicalCommand,
         commands: &mut Commands,
         program: &Path,
     ) -> Result<Waited, ProgramError> {
@@ -132,11 +132,11 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         if !self.next.change.is_empty() {
             // The passes of the cycle are not blocks: changes with them take effect where they begin, at
             // rest.
-            let change = Change {
+            let change = OutputChange {
                 moment: SignalMoment::Rest(self.actions),
                 ..self.next.change
             };
-            self.next.change = Change::at(SignalMoment::Block(0));
+            self.next.change = OutputChange::at(SignalMoment::Block(0));
             let action = self.actions;
             self.actions += 1;
             self.schedule(|signals| signals.change(change))?;
@@ -257,7 +257,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
 
     /// Stops, probes, and returns the result. The next move begins where the axes have stopped.
     pub(super) fn probe(&mut self, order: ProbeMove, line: u32) -> Result<ProbeResult, QueueClosed> {
-        let mut change = std::mem::replace(&mut self.next.change, Change::at(SignalMoment::Block(0)));
+        let mut change = std::mem::replace(&mut self.next.change, OutputChange::at(SignalMoment::Block(0)));
         let action = self.actions;
         self.actions += 1;
         if !change.is_empty() {

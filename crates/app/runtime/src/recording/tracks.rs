@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use evolvent_control::Alarm;
-use evolvent_motion::{State, flags};
+use evolvent_motion::{MotionState, flags};
 use evolvent_trace::{
     BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder, inputs,
 };
@@ -69,7 +69,7 @@ impl Tracks {
             block: None,
             closed: VecDeque::new(),
             last_closed: None,
-            state: State::Idle as u8,
+            state: MotionState::Idle as u8,
             feed_override: 1.0,
             starved: false,
             late: false,
@@ -177,7 +177,7 @@ impl Tracks {
         time_ns: u64,
         sequence: u64,
     ) -> Result<(), RecordError> {
-        let ended = self.state == State::Done as u8;
+        let ended = self.state == MotionState::Done as u8;
         loop {
             let due = notices_due(&self.notices, self.actions, self.blocks, ended);
             if due == 0 {
@@ -286,7 +286,8 @@ impl Tracks {
     /// A block begins with the first setpoint that moves along it, and ends with the first of a later block,
     /// of a dwell or of a program stop.
     fn follow_block(&mut self, recorder: &mut Recorder, sample: &CycleSample) -> Result<(), RecordError> {
-        let between = [State::Idle, State::Dwell, State::ProgramStop].map(|state| state as u8);
+        let between =
+            [MotionState::Idle, MotionState::Dwell, MotionState::ProgramStop].map(|state| state as u8);
         // A jog or homing shows the block of the preceding job, or of the next one if there was none.
         let is_steered = sample.record.inputs & inputs::STEERS != 0;
         if is_steered || between.contains(&sample.record.state) {
@@ -395,15 +396,15 @@ impl Tracks {
 
 fn describe(before: u8, cycle: &CycleRecord) -> (EventKind, &'static str) {
     let now = cycle.state;
-    let is = |state: State| now == state as u8;
-    let was_held = before == State::Holding as u8 || before == State::Held as u8;
-    if is(State::Holding) {
+    let is = |state: MotionState| now == state as u8;
+    let was_held = before == MotionState::Holding as u8 || before == MotionState::Held as u8;
+    if is(MotionState::Holding) {
         (EventKind::Hold, "feed hold")
-    } else if is(State::Stopping) {
+    } else if is(MotionState::Stopping) {
         (EventKind::Stop, "stop")
-    } else if is(State::Fault) && cycle.flags & flags::GUARD != 0 {
+    } else if is(MotionState::Fault) && cycle.flags & flags::GUARD != 0 {
         (EventKind::Alarm, "the guard refused a setpoint")
-    } else if is(State::Running) && was_held {
+    } else if is(MotionState::Running) && was_held {
         (EventKind::Resume, "resume")
     } else {
         let name = match now {

@@ -8,7 +8,7 @@ use evolvent_bus::{ControlRequest, Feedback};
 use evolvent_control::CommandCode;
 use evolvent_drive::{BridgeState, DriveState, FeedbackWatch, PowerRequest, WatchSettings};
 use evolvent_machine::{Machine, SignalKind};
-use evolvent_motion::{DrivenPath, MachineState, Setpoint};
+use evolvent_motion::{DrivenPath, Setpoint, SetpointGenerator};
 use evolvent_path::{Axes, AxisMask};
 use evolvent_signals::{InputImage, ProbeInput, Signals};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -193,7 +193,7 @@ impl<D: Drives> Bench<D> {
         let signals = Signals::new(&setup.machine.signals, 2, PERIOD_NS);
         let signals = SignalLoop::new(signals, InputSource::Bus(samples), None, None, true);
         let mut cycle = ServedCycle::new(ServedParts {
-            station: MachineState::new(limits, PERIOD_NS, place),
+            station: SetpointGenerator::new(limits, PERIOD_NS, place),
             limits,
             period_ns: PERIOD_NS,
             orders: cycle_orders,

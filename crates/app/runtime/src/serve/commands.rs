@@ -2,7 +2,7 @@
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Payload};
 use evolvent_control::{
-    Alarm, Command, CommandCode, JobResult, OperatorInputs, RawCommand, Rejection, Verdict,
+    Alarm, CommandCode, CommandVerdict, JobResult, OperatorCommand, OperatorInputs, RawCommand, Rejection,
 };
 use evolvent_drive::PowerRequest;
 
@@ -17,7 +17,7 @@ impl Operator {
     pub(crate) fn answer(&mut self, request: &ControlRequest, now_ns: u64) -> Option<ControlAnswer> {
         if !request.is_compatible() {
             self.malformed += 1;
-            return Some(self.composed(request, Err((Verdict::Rejected, Alarm::Malformed.into()))));
+            return Some(self.composed(request, Err((CommandVerdict::Rejected, Alarm::Malformed.into()))));
         }
         let raw = RawCommand {
             command: request.command,
@@ -54,8 +54,8 @@ impl Operator {
 
     /// Rejects a command whose orders did not fit into the queue, except the emergency stop, which such
     /// orders cause anyway.
-    pub(super) fn unless_lost(&mut self, command: &Command, job: u64) -> Result<u64, Rejection> {
-        if self.give_up_lost_orders() && *command != Command::Estop {
+    pub(super) fn unless_lost(&mut self, command: &OperatorCommand, job: u64) -> Result<u64, Rejection> {
+        if self.give_up_lost_orders() && *command != OperatorCommand::Estop {
             return Err(Alarm::OrdersLost.into());
         }
         Ok(job)
@@ -75,7 +75,7 @@ impl Operator {
     pub(super) fn composed(
         &self,
         request: &ControlRequest,
-        result: Result<u64, (Verdict, Rejection)>,
+        result: Result<u64, (CommandVerdict, Rejection)>,
     ) -> ControlAnswer {
         let mut answer = ControlAnswer {
             client: request.client,
@@ -101,7 +101,7 @@ impl Operator {
         answer
     }
 
-    pub(super) fn note_command(&mut self, command: &Command) {
+    pub(super) fn note_command(&mut self, command: &OperatorCommand) {
         self.record(
             ExternalEventKind::Command,
             command.code() as u32,
@@ -113,7 +113,7 @@ impl Operator {
     /// Carries a command out. Returns the number of the job that it begins, or 0.
     pub(super) fn carry_out(
         &mut self,
-        command: &Command,
+        command: &OperatorCommand,
         client: u64,
         now_ns: u64,
     ) -> Result<u64, Rejection> {
@@ -127,63 +127,63 @@ impl Operator {
         }
         let mut job = 0;
         match command {
-            Command::Resume => {
+            OperatorCommand::Resume => {
                 self.resume(command);
                 return Ok(0);
             }
-            Command::Step => {
+            OperatorCommand::Step => {
                 self.program.switches.set_single_step(true);
                 self.resume(command);
                 return Ok(0);
             }
-            Command::Stop => {
+            OperatorCommand::Stop => {
                 self.cancel_reading();
                 self.stop(command);
                 return Ok(0);
             }
-            Command::JogKeep => {
+            OperatorCommand::JogKeep => {
                 self.keep_jogging(client, now_ns)?;
                 return Ok(0);
             }
-            Command::SingleStep(on) => {
+            OperatorCommand::SingleStep(on) => {
                 self.program.switches.set_single_step(*on);
                 self.step_on(*on);
             }
-            Command::Return { max_velocity: speed } => {
+            OperatorCommand::Return { max_velocity: speed } => {
                 self.drive_back(*speed, command)?;
                 return Ok(0);
             }
-            Command::Retrace(blocks) => {
+            OperatorCommand::Retrace(blocks) => {
                 self.retrace(*blocks, command)?;
                 return Ok(0);
             }
-            Command::Jog(jog) => job = self.jog(jog, client, now_ns)?,
-            Command::Home(mask) => job = self.home(*mask)?,
-            Command::OptionalStop(on) => self.program.switches.set_optional_stop(*on),
-            Command::BlockDelete(on) => self.program.switches.set_block_delete(*on),
-            Command::RapidOverride(ratio) => self.program.switches.set_rapid_override(*ratio),
-            Command::Handwheel { axis, step } => self.choose_handwheel(*axis, *step)?,
+            OperatorCommand::Jog(jog) => job = self.jog(jog, client, now_ns)?,
+            OperatorCommand::Home(mask) => job = self.home(*mask)?,
+            OperatorCommand::OptionalStop(on) => self.program.switches.set_optional_stop(*on),
+            OperatorCommand::BlockDelete(on) => self.program.switches.set_block_delete(*on),
+            OperatorCommand::RapidOverride(ratio) => self.program.switches.set_rapid_override(*ratio),
+            OperatorCommand::Handwheel { axis, step } => self.choose_handwheel(*axis, *step)?,
             // Commands with files are carried out after the files were read.
-            Command::Load(_)
-            | Command::Start(_)
-            | Command::Mdi(_)
-            | Command::WorkOffset { .. }
-            | Command::TouchOff { .. }
-            | Command::Tool(_)
-            | Command::ReloadTools
-            | Command::SetMode(_)
+            OperatorCommand::Load(_)
+            | OperatorCommand::Start(_)
+            | OperatorCommand::Mdi(_)
+            | OperatorCommand::WorkOffset { .. }
+            | OperatorCommand::TouchOff { .. }
+            | OperatorCommand::Tool(_)
+            | OperatorCommand::ReloadTools
+            | OperatorCommand::SetMode(_)
             // These are orders to the cycle, except JOG_STOP after its jog has ended.
-            | Command::Estop
-            | Command::EstopReset
-            | Command::SetOutput { .. }
-            | Command::On
-            | Command::Off
-            | Command::Hold
-            | Command::FeedOverride(_)
-            | Command::SpindleOverride(_)
-            | Command::JogStop
-            | Command::Reset
-            | Command::ClearAlarms => {}
+            | OperatorCommand::Estop
+            | OperatorCommand::EstopReset
+            | OperatorCommand::SetOutput { .. }
+            | OperatorCommand::On
+            | OperatorCommand::Off
+            | OperatorCommand::Hold
+            | OperatorCommand::FeedOverride(_)
+            | OperatorCommand::SpindleOverride(_)
+            | OperatorCommand::JogStop
+            | OperatorCommand::Reset
+            | OperatorCommand::ClearAlarms => {}
         }
         self.note_command(command);
         Ok(job)
@@ -191,31 +191,33 @@ impl Operator {
 
     /// The order to the cycle that carries a command out, apart from changes of the operator's state; `None`
     /// for other commands.
-    fn order_of(&mut self, command: &Command) -> Result<Option<CycleCommand>, Rejection> {
+    fn order_of(&mut self, command: &OperatorCommand) -> Result<Option<CycleCommand>, Rejection> {
         Ok(Some(match command {
-            Command::Estop => {
+            OperatorCommand::Estop => {
                 self.break_off(JobResult::Stopped);
                 CycleCommand::Emergency
             }
-            Command::EstopReset => CycleCommand::LeaveEstop,
-            Command::SetOutput { name, value } => CycleCommand::Outputs(self.output_change(name, *value)?),
+            OperatorCommand::EstopReset => CycleCommand::LeaveEstop,
+            OperatorCommand::SetOutput { name, value } => {
+                CycleCommand::Outputs(self.output_change(name, *value)?)
+            }
             // Without power the cycle follows the drives, so the core is already where they are.
-            Command::On => CycleCommand::Power(PowerRequest::On),
-            Command::Off => {
+            OperatorCommand::On => CycleCommand::Power(PowerRequest::On),
+            OperatorCommand::Off => {
                 self.switch_periphery_off();
                 self.cancel_reading();
                 CycleCommand::Power(PowerRequest::Off)
             }
-            Command::Hold => {
+            OperatorCommand::Hold => {
                 self.stops.hold = !self.stops.stopping;
                 if self.stop_away() {
                     self.order(CycleCommand::StopSteering);
                 }
                 CycleCommand::Hold
             }
-            Command::FeedOverride(ratio) => CycleCommand::Override(*ratio),
-            Command::SpindleOverride(ratio) => CycleCommand::SpindleOverride(*ratio),
-            Command::JogStop => {
+            OperatorCommand::FeedOverride(ratio) => CycleCommand::Override(*ratio),
+            OperatorCommand::SpindleOverride(ratio) => CycleCommand::SpindleOverride(*ratio),
+            OperatorCommand::JogStop => {
                 if let Job::Jog { steered, .. } = &mut self.job {
                     steered.stopping = true;
                     CycleCommand::Stop
@@ -225,7 +227,7 @@ impl Operator {
                     return Ok(None);
                 }
             }
-            Command::Reset => {
+            OperatorCommand::Reset => {
                 self.switch_periphery_off();
                 let settings = self.setup_here().interpreter_settings();
                 if let Ok(modes) = Modes::at_start(&settings) {
@@ -234,7 +236,7 @@ impl Operator {
                 self.message.clear();
                 CycleCommand::Clear
             }
-            Command::ClearAlarms => {
+            OperatorCommand::ClearAlarms => {
                 self.message.clear();
                 CycleCommand::Clear
             }
@@ -245,15 +247,15 @@ impl Operator {
 
 /// Whether a command is carried out however far the cycle lags behind, because it stops something. Its orders
 /// bypass the queue, or occupy one entry in it however often the command comes.
-const fn is_always_carried_out(command: &Command) -> bool {
+const fn is_always_carried_out(command: &OperatorCommand) -> bool {
     matches!(
         command,
-        Command::Estop
-            | Command::Stop
-            | Command::Off
-            | Command::Hold
-            | Command::JogStop
-            | Command::FeedOverride(_)
-            | Command::SpindleOverride(_)
+        OperatorCommand::Estop
+            | OperatorCommand::Stop
+            | OperatorCommand::Off
+            | OperatorCommand::Hold
+            | OperatorCommand::JogStop
+            | OperatorCommand::FeedOverride(_)
+            | OperatorCommand::SpindleOverride(_)
     )
 }

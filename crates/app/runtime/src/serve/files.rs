@@ -9,7 +9,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use evolvent_bus::ControlRequest;
 use evolvent_config::{no_reply, open_regular, read_regular};
-use evolvent_control::{Alarm, Command, Rejection};
+use evolvent_control::{Alarm, OperatorCommand, Rejection};
 use evolvent_gcode::{KeptParameters, Restored, Settings, ToolTable};
 
 use super::checking::{CheckVerdict, Coverage, judge};
@@ -193,7 +193,7 @@ pub(super) fn written(saving: &Receiver<Saved>) -> Result<Found, Rejection> {
 pub(super) struct Reading {
     /// The request as it came.
     pub(super) request: ControlRequest,
-    pub(super) command: Command,
+    pub(super) command: OperatorCommand,
     /// Start of the error message if the file system does not respond.
     about: String,
     begun: Instant,
@@ -214,7 +214,7 @@ impl Readers {
     pub(super) fn begin(
         &self,
         request: &ControlRequest,
-        command: &Command,
+        command: &OperatorCommand,
         about: String,
         work: impl FnOnce() -> Result<Found, Rejection> + Send + 'static,
     ) -> Result<Reading, Rejection> {
@@ -302,7 +302,7 @@ mod tests {
         Readers::default()
             .begin(
                 &ControlRequest::default(),
-                &Command::Stop,
+                &OperatorCommand::Stop,
                 "a file".to_owned(),
                 work,
             )
@@ -341,7 +341,12 @@ mod tests {
             let hangs = || loop {
                 thread::park();
             };
-            readers.begin(&ControlRequest::default(), &Command::Stop, String::new(), hangs)
+            readers.begin(
+                &ControlRequest::default(),
+                &OperatorCommand::Stop,
+                String::new(),
+                hangs,
+            )
         };
         let hung: Vec<_> = (0..MAX_HUNG).map(|_| begin().unwrap()).collect();
         assert_eq!(begin().unwrap_err().alarm, Alarm::File);

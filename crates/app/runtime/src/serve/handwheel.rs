@@ -1,6 +1,6 @@
 //! The handwheel, driven as a jog that is retargeted in motion.
 
-use evolvent_control::{Command, CommandCode, Handwheel, HandwheelReading, Rejection};
+use evolvent_control::{CommandCode, Handwheel, HandwheelReading, OperatorCommand, Rejection};
 use evolvent_machine::HandwheelSettings;
 use evolvent_path::{Axes, AxisLetter, AxisMask};
 use evolvent_transfer::AxesState;
@@ -165,7 +165,7 @@ impl Operator {
             && !steered.stopping
         {
             steered.stopping = true;
-            self.send(CycleCommand::Stop, &Command::JogStop);
+            self.send(CycleCommand::Stop, &OperatorCommand::JogStop);
         }
     }
 

@@ -1,8 +1,8 @@
 //! Jogs: their targets, and transitions from a motion in progress.
 
-use evolvent_control::{Activity, Alarm, Command, JogCommand, JogEnable, Rejection};
+use evolvent_control::{Activity, Alarm, JogCommand, JogEnable, OperatorCommand, Rejection};
 use evolvent_machine::Limits;
-use evolvent_motion::{State, TransferExecutor};
+use evolvent_motion::{MotionState, TransferExecutor};
 use evolvent_path::{AXES, Axes, AxisMask, feed_rate};
 use evolvent_transfer::AxesState;
 
@@ -228,7 +228,7 @@ impl Operator {
         let here = self.view.setpoint.position;
         let limits = limits_here(&self.limits, &here, self.desk.homed());
         let (after, period_ns) = (self.turn_behind(), self.setup.period_ns);
-        let is_braking = self.view.setpoint.state == State::Stopping;
+        let is_braking = self.view.setpoint.state == MotionState::Stopping;
         let Some(steered) = self.steered().filter(|steered| !steered.stopping && !is_braking) else {
             return Err(Rejection::new(
                 Alarm::Busy,
@@ -411,7 +411,7 @@ impl Operator {
         &mut self,
         way: &JogWay,
         intent: JogIntent,
-        command: Option<&Command>,
+        command: Option<&OperatorCommand>,
     ) -> Result<Box<Steered>, Rejection> {
         let steering = way.steering()?;
         self.begin_within(&way.limits);

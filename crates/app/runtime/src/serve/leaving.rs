@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use evolvent_control::{Alarm, Command, JobResult, JogCommand, JogEnable, Rejection};
-use evolvent_motion::State;
+use evolvent_control::{Alarm, JobResult, JogCommand, JogEnable, OperatorCommand, Rejection};
+use evolvent_motion::MotionState;
 use evolvent_path::{Axes, AxisLetter, AxisMask};
 use evolvent_transfer::AxesState;
 
@@ -91,7 +91,7 @@ impl Operator {
             return None;
         }
         match self.view.setpoint.state {
-            State::Held | State::ProgramStop => refused(
+            MotionState::Held | MotionState::ProgramStop => refused(
                 "a probing move, a thread or a turning cycle moves the axes; hold the program after it",
             ),
             _ => Some(Alarm::Moving.into()),
@@ -159,7 +159,7 @@ impl Operator {
         &mut self,
         way: &JogWay,
         intent: JogIntent,
-        command: Option<&Command>,
+        command: Option<&OperatorCommand>,
     ) -> Result<(), Rejection> {
         let steered = self.steer(way, intent, command)?;
         self.book
@@ -186,7 +186,11 @@ impl Operator {
     ///
     /// # Errors
     /// The axes are not away, or still move.
-    pub(super) fn drive_back(&mut self, speed: Option<f64>, command: &Command) -> Result<(), Rejection> {
+    pub(super) fn drive_back(
+        &mut self,
+        speed: Option<f64>,
+        command: &OperatorCommand,
+    ) -> Result<(), Rejection> {
         if !self.is_away() {
             return Err(Rejection::new(
                 Alarm::NothingRuns,
@@ -204,7 +208,7 @@ impl Operator {
     }
 
     /// Begins the next leg of the return.
-    fn go_back(&mut self, command: Option<&Command>) -> Result<(), Rejection> {
+    fn go_back(&mut self, command: Option<&OperatorCommand>) -> Result<(), Rejection> {
         let here = self.view.setpoint.position;
         let limits = limits_here(&self.limits, &here, self.desk.homed());
         let is_retraced = self.view.leaving.is_retraced;
@@ -239,7 +243,7 @@ impl Operator {
     /// # Errors
     /// The program cannot be left here, the axes were jogged away or still move, or the path is not known so
     /// far back.
-    pub(super) fn retrace(&mut self, blocks: u32, command: &Command) -> Result<(), Rejection> {
+    pub(super) fn retrace(&mut self, blocks: u32, command: &OperatorCommand) -> Result<(), Rejection> {
         if let Some(objection) = self.objection_to_leaving() {
             return Err(objection);
         }
@@ -270,7 +274,7 @@ impl Operator {
         Ok(())
     }
 
-    fn retrace_by(&mut self, back: u32, command: Option<&Command>) {
+    fn retrace_by(&mut self, back: u32, command: Option<&OperatorCommand>) {
         self.order(CycleCommand::KeepJogging(FOR_EVER));
         let what = CycleCommand::Retrace { back };
         let id = match command {

@@ -63,7 +63,7 @@ pub use summary::ServeSummary;
 #[cfg(test)]
 mod tests {
     use evolvent_bus::{ACTIVITIES, COMMANDS, JOB_RESULTS, MACHINE_STATES, MODES, VERDICTS};
-    use evolvent_control::{Activity, Alarm, CommandCode, JobResult, MachineState, Mode, Verdict};
+    use evolvent_control::{Activity, Alarm, CommandCode, CommandVerdict, JobResult, MachineState, Mode};
     use evolvent_drive::DriveAlarm;
 
     #[test]
@@ -101,7 +101,11 @@ mod tests {
         ] {
             numbered(&JOB_RESULTS, &result, result as u32);
         }
-        for verdict in [Verdict::Accepted, Verdict::Rejected, Verdict::Stale] {
+        for verdict in [
+            CommandVerdict::Accepted,
+            CommandVerdict::Rejected,
+            CommandVerdict::Stale,
+        ] {
             numbered(&VERDICTS, &verdict, verdict as u32);
         }
     }

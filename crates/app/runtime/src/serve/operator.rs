@@ -6,10 +6,10 @@ use std::sync::Arc;
 use std::sync::mpsc::Sender;
 
 use evolvent_bus::Feedback;
-use evolvent_control::{Alarm, Command, Homing, JobResult, MachineState, OperatorState};
+use evolvent_control::{Alarm, Homing, JobResult, MachineState, OperatorCommand, OperatorState};
 use evolvent_drive::{PowerRequest, Presence};
 use evolvent_machine::{Limits, OnFull};
-use evolvent_motion::State;
+use evolvent_motion::MotionState;
 use evolvent_path::{Axes, AxisMask};
 use rtrb::{Consumer, Producer};
 
@@ -223,8 +223,8 @@ impl Operator {
     pub(super) fn is_held(&self) -> bool {
         let state = self.view.setpoint.state;
         // A user-defined M code and a wait for an input must end before the program continues.
-        let at_stop = state == State::ProgramStop && !self.is_waiting();
-        let is_held = self.stops.hold || at_stop || matches!(state, State::Holding | State::Held);
+        let at_stop = state == MotionState::ProgramStop && !self.is_waiting();
+        let is_held = self.stops.hold || at_stop || matches!(state, MotionState::Holding | MotionState::Held);
         is_held && !self.stops.stopping
     }
 
@@ -257,7 +257,7 @@ impl Operator {
     }
 
     /// Sends an order that is recorded where it takes effect.
-    pub(super) fn send(&mut self, what: CycleCommand, command: &Command) -> u64 {
+    pub(super) fn send(&mut self, what: CycleCommand, command: &OperatorCommand) -> u64 {
         self.book.send(what, command)
     }
 
@@ -403,8 +403,8 @@ impl Operator {
         // While the program waits for a spindle, an input or a user-defined M code, its state is that of a
         // program stop although no operator holds it.
         let is_held = match self.view.setpoint.state {
-            State::Held => true,
-            State::ProgramStop => !self.is_waiting(),
+            MotionState::Held => true,
+            MotionState::ProgramStop => !self.is_waiting(),
             _ => false,
         };
         self.program.tally.observe(self.view.setpoint.sequence, is_held);

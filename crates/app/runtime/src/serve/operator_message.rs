@@ -1,6 +1,6 @@
 //! The text for the operator in the status, and how long it is valid.
 
-use evolvent_motion::State;
+use evolvent_motion::MotionState;
 
 /// The last message.
 #[derive(Debug, Default)]
@@ -53,10 +53,15 @@ impl OperatorMessage {
     }
 
     /// Notes the state of the program.
-    pub(super) fn follow(&mut self, state: State) {
+    pub(super) fn follow(&mut self, state: MotionState) {
         if let Validity::Stop { is_there } = &mut self.validity {
-            let stands = matches!(state, State::ProgramStop | State::Held);
-            if *is_there && matches!(state, State::Running | State::Dwell | State::Done) {
+            let stands = matches!(state, MotionState::ProgramStop | MotionState::Held);
+            if *is_there
+                && matches!(
+                    state,
+                    MotionState::Running | MotionState::Dwell | MotionState::Done
+                )
+            {
                 self.text.clear();
                 self.validity = Validity::NextJob;
             } else {
@@ -88,15 +93,15 @@ mod tests {
         let mut message = OperatorMessage::default();
         message.tell_of_stop("put tool 2 into the spindle");
         for state in [
-            State::Running,
-            State::ProgramStop,
-            State::Held,
-            State::ProgramStop,
+            MotionState::Running,
+            MotionState::ProgramStop,
+            MotionState::Held,
+            MotionState::ProgramStop,
         ] {
             message.follow(state);
             assert_eq!(message.text(), "put tool 2 into the spindle", "{state:?}");
         }
-        message.follow(State::Running);
+        message.follow(MotionState::Running);
         assert_eq!(message.text(), "");
     }
 
@@ -104,7 +109,7 @@ mod tests {
     fn what_is_so_during_a_job_only_ends_with_it() {
         let mut message = OperatorMessage::default();
         message.tell_of_job("away from the program");
-        message.follow(State::Running);
+        message.follow(MotionState::Running);
         assert_eq!(message.text(), "away from the program");
         message.job_ends();
         assert_eq!(message.text(), "");

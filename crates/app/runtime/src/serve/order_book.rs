@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
 
-use evolvent_control::Command;
+use evolvent_control::OperatorCommand;
 use evolvent_drive::PowerRequest;
 use rtrb::{Producer, PushError};
 
@@ -25,7 +25,7 @@ struct PendingCommand {
 }
 
 impl PendingCommand {
-    fn new(command: &Command) -> Self {
+    fn new(command: &OperatorCommand) -> Self {
         Self {
             code: command.code() as u32,
             text: command.to_string(),
@@ -91,7 +91,7 @@ impl OrderBook {
     }
 
     /// Sends an order that is recorded where it takes effect.
-    pub(super) fn send(&mut self, what: CycleCommand, command: &Command) -> u64 {
+    pub(super) fn send(&mut self, what: CycleCommand, command: &OperatorCommand) -> u64 {
         let command = PendingCommand::new(command);
         if let Some(which) = override_of(&what) {
             // Its number is assigned when it is sent.
@@ -315,7 +315,7 @@ mod tests {
         }
     }
 
-    fn records_of(commands: &[(&Command, u64)]) -> Vec<(String, u64)> {
+    fn records_of(commands: &[(&OperatorCommand, u64)]) -> Vec<(String, u64)> {
         let texts = commands
             .iter()
             .map(|(command, sequence)| (command.to_string(), *sequence));
@@ -327,31 +327,34 @@ mod tests {
     #[test]
     fn a_stop_without_a_command_discards_no_queued_one() {
         let mut desk = Desk::new(64);
-        let turn = Command::FeedOverride(0.5);
+        let turn = OperatorCommand::FeedOverride(0.5);
         desk.book.send(CycleCommand::Override(0.5), &turn);
         let stop = desk.book.order(CycleCommand::Stop);
-        let emergency = desk.book.send(CycleCommand::Emergency, &Command::Estop);
+        let emergency = desk.book.send(CycleCommand::Emergency, &OperatorCommand::Estop);
         assert_eq!((stop, emergency), (2, 3));
         for id in [stop, emergency, 1] {
             desk.book.applied(id, 10);
         }
-        assert_eq!(desk.records(), records_of(&[(&Command::Estop, 10), (&turn, 10)]));
+        assert_eq!(
+            desk.records(),
+            records_of(&[(&OperatorCommand::Estop, 10), (&turn, 10)])
+        );
     }
 
     #[test]
     fn a_stop_is_recorded_with_a_later_one_of_its_kind() {
         let mut desk = Desk::new(64);
-        desk.book.send(CycleCommand::Stop, &Command::Stop);
+        desk.book.send(CycleCommand::Stop, &OperatorCommand::Stop);
         let off = desk
             .book
-            .send(CycleCommand::Power(PowerRequest::Off), &Command::Off);
+            .send(CycleCommand::Power(PowerRequest::Off), &OperatorCommand::Off);
         let newer = desk.book.order(CycleCommand::Stop);
         desk.book.applied(newer, 10);
-        assert_eq!(desk.records(), records_of(&[(&Command::Stop, 10)]));
+        assert_eq!(desk.records(), records_of(&[(&OperatorCommand::Stop, 10)]));
         desk.book.applied(off, 11);
         assert_eq!(
             desk.records(),
-            records_of(&[(&Command::Off, 11)]),
+            records_of(&[(&OperatorCommand::Off, 11)]),
             "another kind counts by itself"
         );
     }
@@ -360,28 +363,34 @@ mod tests {
     #[test]
     fn a_full_queue_discards_none_of_its_commands() {
         let mut desk = Desk::new(1);
-        let first = desk.book.send(CycleCommand::Clear, &Command::ClearAlarms);
-        let lost = desk.book.send(CycleCommand::LeaveEstop, &Command::EstopReset);
+        let first = desk.book.send(CycleCommand::Clear, &OperatorCommand::ClearAlarms);
+        let lost = desk
+            .book
+            .send(CycleCommand::LeaveEstop, &OperatorCommand::EstopReset);
         assert_eq!((desk.queue.slots(), desk.book.take_lost().len()), (1, 1));
         desk.book.applied(lost + 1, 10);
         desk.book.applied(first, 11);
-        assert_eq!(desk.records(), records_of(&[(&Command::ClearAlarms, 11)]));
+        assert_eq!(desk.records(), records_of(&[(&OperatorCommand::ClearAlarms, 11)]));
     }
 
     /// However often HOLD arrives before the cycle takes it, it is one order, and each HOLD is recorded.
     #[test]
     fn a_pending_hold_is_not_ordered_twice() {
         let mut desk = Desk::new(64);
-        let turn = Command::FeedOverride(0.5);
-        let first = desk.book.send(CycleCommand::Hold, &Command::Hold);
-        let stop = desk.book.send(CycleCommand::StopSteering, &Command::JogStop);
+        let turn = OperatorCommand::FeedOverride(0.5);
+        let first = desk.book.send(CycleCommand::Hold, &OperatorCommand::Hold);
+        let stop = desk
+            .book
+            .send(CycleCommand::StopSteering, &OperatorCommand::JogStop);
         desk.book.send(CycleCommand::Override(0.5), &turn);
-        assert_eq!(desk.book.send(CycleCommand::Hold, &Command::Hold), first);
+        assert_eq!(desk.book.send(CycleCommand::Hold, &OperatorCommand::Hold), first);
         assert_eq!(desk.book.order(CycleCommand::StopSteering), stop);
         assert_eq!(desk.queue.slots(), 3);
         // A hold after this one is a new order.
-        let resume = desk.book.send(CycleCommand::Resume(None), &Command::Resume);
-        let again = desk.book.send(CycleCommand::Hold, &Command::Hold);
+        let resume = desk
+            .book
+            .send(CycleCommand::Resume(None), &OperatorCommand::Resume);
+        let again = desk.book.send(CycleCommand::Hold, &OperatorCommand::Hold);
         assert!(resume > stop && again > resume);
         for id in 1..=again {
             desk.book.applied(id, 10 + id);
@@ -389,12 +398,12 @@ mod tests {
         assert_eq!(
             desk.records(),
             records_of(&[
-                (&Command::Hold, 11),
-                (&Command::Hold, 11),
-                (&Command::JogStop, 12),
+                (&OperatorCommand::Hold, 11),
+                (&OperatorCommand::Hold, 11),
+                (&OperatorCommand::JogStop, 12),
                 (&turn, 13),
-                (&Command::Resume, 14),
-                (&Command::Hold, 15),
+                (&OperatorCommand::Resume, 14),
+                (&OperatorCommand::Hold, 15),
             ])
         );
         // The cycle may have ended the hold meanwhile.
@@ -406,8 +415,8 @@ mod tests {
     #[test]
     fn an_override_waits_while_the_queue_is_full() {
         let mut desk = Desk::new(1);
-        let turn = Command::FeedOverride(0.5);
-        let first = desk.book.send(CycleCommand::Clear, &Command::ClearAlarms);
+        let turn = OperatorCommand::FeedOverride(0.5);
+        let first = desk.book.send(CycleCommand::Clear, &OperatorCommand::ClearAlarms);
         assert!(desk.book.is_full());
         desk.book.send(CycleCommand::Override(0.5), &turn);
         assert!(desk.book.take_lost().is_empty());
@@ -418,7 +427,7 @@ mod tests {
         desk.book.applied(sent.id, 11);
         assert_eq!(
             desk.records(),
-            records_of(&[(&Command::ClearAlarms, 10), (&turn, 11)])
+            records_of(&[(&OperatorCommand::ClearAlarms, 10), (&turn, 11)])
         );
     }
 }

@@ -8,7 +8,7 @@ use evolvent_drive::{DriveAlarm, IndexRequest, PowerRequest, Presence};
 use evolvent_machine::Limits;
 use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, TransferExecutor, Violation};
 use evolvent_path::{Axes, AxisMask};
-use evolvent_signals::{Change, ProbeState, ScheduleConsumer};
+use evolvent_signals::{OutputChange, ProbeState, ScheduleConsumer};
 use evolvent_trace::PhaseRecord;
 use evolvent_turning::Reason;
 
@@ -90,7 +90,7 @@ pub(crate) enum CycleCommand {
     /// Leave the emergency stop, without power.
     LeaveEstop,
     /// Set outputs by hand. The moment of the change is ignored.
-    Outputs(Change),
+    Outputs(OutputChange),
     Power(PowerRequest),
     /// Clear faults of core and drives.
     Clear,

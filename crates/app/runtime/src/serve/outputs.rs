@@ -3,7 +3,7 @@
 use evolvent_config::plain;
 use evolvent_control::{Alarm, Rejection};
 use evolvent_machine::{OutputSettings, SignalKind};
-use evolvent_signals::{Change, Moment};
+use evolvent_signals::{OutputChange, SignalMoment};
 
 use super::operator::Operator;
 
@@ -12,7 +12,7 @@ impl Operator {
     ///
     /// # Errors
     /// The machine file has no such output, or it does not take the value.
-    pub(super) fn output_change(&self, name: &str, value: f64) -> Result<Change, Rejection> {
+    pub(super) fn output_change(&self, name: &str, value: f64) -> Result<OutputChange, Rejection> {
         let outputs = &self.setup.machine.signals.outputs;
         let Some(output) = outputs.iter().find(|output| output.name == name) else {
             let there: Vec<&str> = outputs.iter().map(|output| output.name.as_str()).collect();
@@ -30,9 +30,9 @@ impl Operator {
     }
 }
 
-fn change_of(output: &OutputSettings, value: f64) -> Result<Change, Rejection> {
+fn change_of(output: &OutputSettings, value: f64) -> Result<OutputChange, Rejection> {
     // An output set by hand changes at once.
-    let mut change = Change::at(Moment::Rest(0));
+    let mut change = OutputChange::at(SignalMoment::Rest(0));
     match output.kind {
         SignalKind::Digital if value == 0.0 || value == 1.0 => {
             change.set_digital(output.number, value == 1.0);

@@ -8,8 +8,8 @@ use std::sync::mpsc::{self, Receiver};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use evolvent_control::{Activity, Alarm, Command, JobResult, Rejection};
-use evolvent_motion::State;
+use evolvent_control::{Activity, Alarm, JobResult, OperatorCommand, Rejection};
+use evolvent_motion::MotionState;
 
 use super::checking::Checking;
 use super::files::ProgramFile;
@@ -317,10 +317,10 @@ impl Operator {
         Ok(self.desk.job_begins(activity))
     }
 
-    pub(super) fn resume(&mut self, command: &Command) {
+    pub(super) fn resume(&mut self, command: &OperatorCommand) {
         self.stops.hold = false;
         let setpoint = &self.view.setpoint;
-        let at_stop = setpoint.state == State::ProgramStop && !self.is_waiting();
+        let at_stop = setpoint.state == MotionState::ProgramStop && !self.is_waiting();
         let stop = at_stop.then_some(setpoint.actions);
         self.send(CycleCommand::Resume(stop), command);
         self.step_on(self.program.switches.is_single_step());
@@ -329,7 +329,7 @@ impl Operator {
     /// Applies a change of single step to the program in progress.
     pub(super) fn step_on(&mut self, steps: bool) {
         let setpoint = self.view.setpoint;
-        let at_stop = setpoint.state == State::ProgramStop && !self.is_waiting();
+        let at_stop = setpoint.state == MotionState::ProgramStop && !self.is_waiting();
         let Job::Program(run) = &mut self.job else { return };
         let has_begun = setpoint.block >= run.first_block;
         run.step = steps.then_some(if at_stop || !has_begun {
@@ -362,7 +362,7 @@ impl Operator {
         }
     }
 
-    pub(super) fn stop(&mut self, command: &Command) {
+    pub(super) fn stop(&mut self, command: &OperatorCommand) {
         self.give_up_waiting(JobResult::Stopped);
         self.cancel_homing(JobResult::Stopped);
         self.cancel_command();

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Payload};
-use evolvent_control::{Alarm, Command, CommandCode, Rejection};
+use evolvent_control::{Alarm, CommandCode, OperatorCommand, Rejection};
 use evolvent_gcode::{ProgramLimits, Settings};
 use evolvent_path::{Axes, AxisMask};
 
@@ -78,7 +78,7 @@ impl Operator {
         if let Some(reading) = &mut self.files.reading
             && matches!(
                 reading.command,
-                Command::Start(_) | Command::Step | Command::Mdi(_)
+                OperatorCommand::Start(_) | OperatorCommand::Step | OperatorCommand::Mdi(_)
             )
         {
             reading.is_cancelled = true;
@@ -86,24 +86,24 @@ impl Operator {
     }
 
     /// Carries out a command whose files were read.
-    fn carry_out_read(&mut self, command: &Command, found: Found) -> Result<u64, Rejection> {
+    fn carry_out_read(&mut self, command: &OperatorCommand, found: Found) -> Result<u64, Rejection> {
         let mut job = 0;
         match (command, found) {
-            (Command::Load(_), Found::Program(file)) => self.load(&file)?,
-            (Command::Start(line), Found::Program(file)) => job = self.start(*line, &file)?,
-            (Command::Step, Found::Program(file)) => {
+            (OperatorCommand::Load(_), Found::Program(file)) => self.load(&file)?,
+            (OperatorCommand::Start(line), Found::Program(file)) => job = self.start(*line, &file)?,
+            (OperatorCommand::Step, Found::Program(file)) => {
                 self.program.switches.set_single_step(true);
                 job = self.start(0, &file)?;
             }
             (
-                Command::Mdi(_),
+                OperatorCommand::Mdi(_),
                 Found::Mdi {
                     after,
                     file,
                     restored,
                 },
             ) => job = self.mdi(*after, &file, restored)?,
-            (Command::ReloadTools, Found::Tools(tools)) => {
+            (OperatorCommand::ReloadTools, Found::Tools(tools)) => {
                 if let Some(tools) = tools {
                     self.keep.take_tools(tools);
                 }
@@ -124,25 +124,25 @@ impl Operator {
     pub(super) fn begin_reading(
         &self,
         request: &ControlRequest,
-        command: &Command,
+        command: &OperatorCommand,
     ) -> Option<Result<Reading, Rejection>> {
         let is_step_of_running = matches!(self.job, Job::Program(_));
         match command {
-            Command::Load(file) => {
+            OperatorCommand::Load(file) => {
                 let (file, setup) = (PathBuf::from(file), self.setup_here());
                 let about = file.display().to_string();
                 let work = move || read_program(&file, &setup);
                 Some(self.files.readers.begin(request, command, about, work))
             }
-            Command::Step if is_step_of_running => None,
-            Command::Start(_) | Command::Step => {
+            OperatorCommand::Step if is_step_of_running => None,
+            OperatorCommand::Start(_) | OperatorCommand::Step => {
                 // The interlocks ensure that a program is loaded.
                 let file = PathBuf::from(self.desk.program().unwrap_or_default());
                 let (about, setup) = (file.display().to_string(), self.setup_here());
                 let work = move || read_program(&file, &setup);
                 Some(self.files.readers.begin(request, command, about, work))
             }
-            Command::Mdi(text) => {
+            OperatorCommand::Mdi(text) => {
                 let block = self.mdi_block(text);
                 let work = move || block.read();
                 Some(
@@ -151,7 +151,7 @@ impl Operator {
                         .begin(request, command, "the block".to_owned(), work),
                 )
             }
-            Command::ReloadTools => {
+            OperatorCommand::ReloadTools => {
                 let file = self.keep.memory.tools_file.clone();
                 let work = move || read_tools(file.as_deref());
                 Some(
@@ -161,7 +161,7 @@ impl Operator {
                 )
             }
             // The final position of the axes is not known yet.
-            Command::TouchOff { .. } if !self.view.at_rest => Some(Err(Rejection::new(
+            OperatorCommand::TouchOff { .. } if !self.view.at_rest => Some(Err(Rejection::new(
                 Alarm::Busy,
                 "the axes still stop; touch off when they are at rest",
             ))),
@@ -216,19 +216,21 @@ impl Operator {
     }
 
     /// What to save after an offset or a tool was changed; `None` for other commands.
-    pub(super) fn memory_after(&self, command: &Command) -> Option<ProgramMemory> {
+    pub(super) fn memory_after(&self, command: &OperatorCommand) -> Option<ProgramMemory> {
         match command {
-            Command::WorkOffset { system, axes, values } => Some(self.with_offset(*system, |index, kept| {
-                merged(&kept.work_offset(index), values, *axes)
-            })),
-            Command::TouchOff { system, axes, values } => {
+            OperatorCommand::WorkOffset { system, axes, values } => {
+                Some(self.with_offset(*system, |index, kept| {
+                    merged(&kept.work_offset(index), values, *axes)
+                }))
+            }
+            OperatorCommand::TouchOff { system, axes, values } => {
                 let tip = self.view.setpoint.position - self.program.modes.modal.tool_offset;
                 let g92 = self.g92();
                 Some(self.with_offset(*system, |index, kept| {
                     kept.touched_off(index, *axes, values, &tip, &g92)
                 }))
             }
-            Command::Tool(entry) => Some(self.keep.with_tool(entry)),
+            OperatorCommand::Tool(entry) => Some(self.keep.with_tool(entry)),
             _ => None,
         }
     }

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use evolvent_bus::Feedback;
 use evolvent_drive::{FeedbackWatch, PhaseLock, PowerRequest, Presence};
 use evolvent_machine::Limits;
-use evolvent_motion::{DrivenPath, Excursion, Inputs, MachineState, Setpoint, TransferExecutor, flags};
+use evolvent_motion::{DrivenPath, Excursion, Inputs, Setpoint, SetpointGenerator, TransferExecutor, flags};
 use evolvent_path::AxisMask;
 use evolvent_signals::ProbeInput;
 use evolvent_trace::{PhaseRecord, inputs as recorded};
@@ -85,7 +85,7 @@ impl ServedCycle {
 
 /// The cycle's state of the machine and its queues to the other threads, built before it starts.
 pub(crate) struct ServedParts {
-    pub station: MachineState,
+    pub station: SetpointGenerator,
     pub limits: Limits,
     pub period_ns: u64,
     pub orders: Consumer<Order>,

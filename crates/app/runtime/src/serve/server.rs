@@ -8,7 +8,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, ControlServer};
 use evolvent_drive::{FeedbackWatch, PhaseLock};
-use evolvent_motion::{DrivenPath, MachineState};
+use evolvent_motion::{DrivenPath, SetpointGenerator};
 use evolvent_signals::ProbeInput;
 use rtrb::{Consumer, Producer, RingBuffer};
 
@@ -142,7 +142,7 @@ impl Service {
         let parts = ServedParts {
             corrections: Corrections::new(machine, setup.period_ns, limits.home),
             probe: ProbeInput::default(),
-            station: MachineState::new(limits, setup.period_ns, limits.home),
+            station: SetpointGenerator::new(limits, setup.period_ns, limits.home),
             limits,
             period_ns: setup.period_ns,
             orders: cycle_orders,

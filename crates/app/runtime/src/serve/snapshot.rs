@@ -2,7 +2,7 @@
 
 use evolvent_bus::{EventKind, MAX_ALARMS, Status, switches};
 use evolvent_drive::{DriveState, PowerRequest};
-use evolvent_motion::{State, flags};
+use evolvent_motion::{MotionState, flags};
 use evolvent_path::{AXES, Axes, AxisMask, angle_within_turn};
 use evolvent_signals::ProbeState;
 use evolvent_trace::{Histogram, PhaseFigures, PhaseTally};
@@ -51,7 +51,7 @@ impl Pulse {
 /// Values whose change makes a snapshot worth sending at once.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct Mark {
-    state: State,
+    state: MotionState,
     machine: u32,
     mode: u32,
     activity: u32,

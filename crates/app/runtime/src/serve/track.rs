@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::mpsc::Receiver;
 
 use evolvent_gcode::Modal;
-use evolvent_motion::{Setpoint, State};
+use evolvent_motion::{MotionState, Setpoint};
 
 use crate::news::{FeederEvent, Notice, QueuedBlock, StopKind, notices_due};
 use crate::periphery::Periphery;
@@ -47,13 +47,13 @@ impl Track {
     /// Notes that the cycle has reached this setpoint. Returns the last modes that took effect, and passes on
     /// the messages that did.
     pub(crate) fn reach(&mut self, setpoint: &Setpoint, mut message: impl FnMut(&Notice)) -> Option<Modal> {
-        let still = [State::Idle, State::Dwell, State::ProgramStop];
+        let still = [MotionState::Idle, MotionState::Dwell, MotionState::ProgramStop];
         let begun = if still.contains(&setpoint.state) {
             0
         } else {
             setpoint.block + 1
         };
-        let ended = setpoint.state == State::Done;
+        let ended = setpoint.state == MotionState::Done;
         loop {
             let due = notices_due(&self.notices, setpoint.actions, begun, ended);
             if due == 0 {
@@ -110,7 +110,7 @@ impl Track {
         while (self.stops.front()).is_some_and(|(action, _)| action + 1 < setpoint.actions) {
             self.stops.pop_front();
         }
-        let stands = setpoint.state == State::ProgramStop;
+        let stands = setpoint.state == MotionState::ProgramStop;
         let is_there = (self.stops.front()).is_some_and(|(action, _)| action + 1 == setpoint.actions);
         if stands && is_there {
             self.stops.pop_front()

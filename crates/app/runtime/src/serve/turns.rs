@@ -2,7 +2,7 @@
 //! coordinates.
 
 use evolvent_drive::Presence;
-use evolvent_motion::State;
+use evolvent_motion::MotionState;
 use evolvent_path::{AxisLetter, whole_turns};
 
 use super::operator::{Job, Operator};
@@ -24,7 +24,7 @@ impl Operator {
         let view = &self.view;
         // Earlier orders were carried out, and present drives follow, so that they take over the new
         // coordinates.
-        let is_settled = view.datum >= self.drives.datum && matches!(view.setpoint.state, State::Idle);
+        let is_settled = view.datum >= self.drives.datum && matches!(view.setpoint.state, MotionState::Idle);
         let follow = matches!(view.presence, Presence::Operational | Presence::Absent);
         if !is_settled || !follow || self.stops.ending {
             return;
@@ -59,7 +59,7 @@ mod tests {
     use evolvent_drive::PowerRequest;
     use evolvent_gcode::SPINDLES;
     use evolvent_machine::Machine;
-    use evolvent_motion::{Setpoint, State};
+    use evolvent_motion::{MotionState, Setpoint};
     use evolvent_path::Axes;
     use evolvent_signals::ProbeState;
     use rtrb::RingBuffer;
@@ -102,7 +102,7 @@ mod tests {
                 feed_override: 1.0,
                 line: 0,
                 block: 0,
-                state: State::Idle,
+                state: MotionState::Idle,
                 flags: 0,
                 actions: 0,
             },

@@ -4,9 +4,9 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use evolvent_gcode::{Action, Command, Interpreter};
+use evolvent_gcode::{Action, CanonicalCommand, Interpreter};
 use evolvent_machine::{ControlRate, Machine};
-use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlanProducer, Setpoint, State, plan_queue};
+use evolvent_motion::{Inputs, MotionState, PathExecutor, PlanConsumer, PlanProducer, Setpoint, plan_queue};
 use evolvent_planner::Planner;
 use evolvent_runtime::Setup;
 
@@ -26,7 +26,7 @@ pub(crate) fn set_up(machine: &Path, rate_hz: f64) -> Setup {
 
 /// A program with its planner and a cycle, run in turn.
 pub(crate) struct Driven {
-    commands: Box<dyn Iterator<Item = Command>>,
+    commands: Box<dyn Iterator<Item = CanonicalCommand>>,
     planner: Planner<PlanProducer<fn() -> bool>>,
     queue: PlanConsumer,
     motion: PathExecutor,
@@ -105,7 +105,7 @@ impl Driven {
                 self.motion.fault()
             );
             setpoints.push(setpoint);
-            if hold && matches!(setpoint.state, State::Held | State::Done) {
+            if hold && matches!(setpoint.state, MotionState::Held | MotionState::Done) {
                 return setpoints;
             }
         }

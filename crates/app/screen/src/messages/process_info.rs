@@ -1,6 +1,6 @@
 //! What a cut of a lathe is like.
 
-use evolvent_turning::{CutKind, Job};
+use evolvent_turning::{CutKind, TurningJob};
 use serde::Serialize;
 use ts_rs::TS;
 
@@ -27,8 +27,8 @@ pub struct ProcessInfo {
     pub overload: f64,
 }
 
-impl From<&Job> for ProcessInfo {
-    fn from(job: &Job) -> Self {
+impl From<&TurningJob> for ProcessInfo {
+    fn from(job: &TurningJob) -> Self {
         let settings = &job.settings;
         Self {
             name: job.name.clone(),

@@ -39,8 +39,8 @@ impl Client {
 /// On, and waiting for its drives since 1000 ns.
 fn waiting_for_drives() -> OperatorState {
     let mut desk = OperatorState::default();
-    desk.commit(&Command::EstopReset, 0, true);
-    desk.commit(&Command::On, 1000, true);
+    desk.commit(&OperatorCommand::EstopReset, 0, true);
+    desk.commit(&OperatorCommand::On, 1000, true);
     assert!(desk.wants_power() && desk.machine() == MachineState::Off);
     desk
 }
@@ -50,10 +50,13 @@ fn drives_enabled_after_power_off_do_not_power_up() {
     type Way = fn(&mut OperatorState);
     let ways: [(Way, MachineState); 3] = [
         (
-            |desk| desk.commit(&Command::Estop, 2000, true),
+            |desk| desk.commit(&OperatorCommand::Estop, 2000, true),
             MachineState::Estop,
         ),
-        (|desk| desk.commit(&Command::Off, 2000, true), MachineState::Off),
+        (
+            |desk| desk.commit(&OperatorCommand::Off, 2000, true),
+            MachineState::Off,
+        ),
         (OperatorState::drop_power, MachineState::Off),
     ];
     for (takes_back, state) in ways {
@@ -67,7 +70,7 @@ fn drives_enabled_after_power_off_do_not_power_up() {
 #[test]
 fn repeated_power_requests_do_not_extend_the_timeout() {
     let mut desk = waiting_for_drives();
-    desk.commit(&Command::On, 1000 + ENABLE_NS, true);
+    desk.commit(&OperatorCommand::On, 1000 + ENABLE_NS, true);
     desk.enable(false, 1000 + ENABLE_NS);
     assert!(!desk.has_latched_alarm());
     desk.enable(false, 1001 + ENABLE_NS);
@@ -80,8 +83,8 @@ fn drives_have_the_time_that_was_set_and_no_more() {
     for timeout_ns in [1, 300_000_000, 2_000_000_000, 60_000_000_000] {
         let mut desk = OperatorState::default();
         desk.set_enable_timeout_ns(timeout_ns);
-        desk.commit(&Command::EstopReset, 0, true);
-        desk.commit(&Command::On, 1000, true);
+        desk.commit(&OperatorCommand::EstopReset, 0, true);
+        desk.commit(&OperatorCommand::On, 1000, true);
         desk.enable(false, 1000 + timeout_ns);
         assert!(!desk.has_latched_alarm(), "{timeout_ns}");
         desk.enable(false, 1001 + timeout_ns);
@@ -118,7 +121,11 @@ fn says(
 fn after_a_rejected_load_start_requires_a_name() {
     let mut desk = OperatorState::default();
     desk.set_homed(AxisMask::from_bits(0b111));
-    for command in [Command::EstopReset, Command::On, Command::SetMode(Mode::Auto)] {
+    for command in [
+        OperatorCommand::EstopReset,
+        OperatorCommand::On,
+        OperatorCommand::SetMode(Mode::Auto),
+    ] {
         desk.commit(&command, 0, false);
     }
     assert_eq!(says(&mut desk, 1, CommandCode::Load, "a.ngc", true), Ok(()));
@@ -189,26 +196,29 @@ fn a_core_that_ends_takes_no_command() {
     };
     let refused = OperatorState::default().authorize(7, 1, &raw, &facts);
     let (verdict, refusal) = refused.expect_err("it ends");
-    assert_eq!((verdict, refusal.alarm), (Verdict::Rejected, Alarm::Ending));
+    assert_eq!(
+        (verdict, refusal.alarm),
+        (CommandVerdict::Rejected, Alarm::Ending)
+    );
 }
 
 #[test]
 fn losing_power_keeps_emergency_stop_and_off() {
     type Way = fn(&mut OperatorState);
     let ways: [Way; 2] = [
-        |desk| desk.commit(&Command::Off, 0, false),
+        |desk| desk.commit(&OperatorCommand::Off, 0, false),
         |desk| desk.drop_power(),
     ];
     for way in ways {
         let mut desk = OperatorState::default();
         way(&mut desk);
         assert_eq!(desk.machine(), MachineState::Estop);
-        desk.commit(&Command::On, 0, false);
+        desk.commit(&OperatorCommand::On, 0, false);
         assert_eq!(desk.machine(), MachineState::Estop, "it is reset first");
-        desk.commit(&Command::EstopReset, 0, false);
+        desk.commit(&OperatorCommand::EstopReset, 0, false);
         way(&mut desk);
         assert_eq!(desk.machine(), MachineState::Off);
-        desk.commit(&Command::On, 0, false);
+        desk.commit(&OperatorCommand::On, 0, false);
         assert_eq!(desk.machine(), MachineState::On);
         way(&mut desk);
         assert_eq!(desk.machine(), MachineState::Off);
@@ -233,8 +243,8 @@ fn a_rejection_for_an_alarm_names_the_alarm() {
     // In emergency stop that is the reason, whichever alarms are latched.
     let first = refusal(&mut desk, 1);
     assert_eq!(first, Rejection::by_rule(Alarm::InEstop, CommandCode::Home));
-    desk.commit(&Command::EstopReset, 0, false);
-    desk.commit(&Command::On, 0, false);
+    desk.commit(&OperatorCommand::EstopReset, 0, false);
+    desk.commit(&OperatorCommand::On, 0, false);
     let number = Alarm::DriveFault.number();
     assert_eq!(
         refusal(&mut desk, 2).text,
@@ -254,22 +264,22 @@ fn each_switch_and_override_is_one_of_its_own() {
         (switches, desk.overrides())
     };
     assert_eq!(seen(&desk), ([false; 3], [1.0; 3]));
-    desk.commit(&Command::BlockDelete(true), 0, false);
+    desk.commit(&OperatorCommand::BlockDelete(true), 0, false);
     assert_eq!(seen(&desk).0, [false, false, true]);
-    desk.commit(&Command::OptionalStop(true), 0, false);
+    desk.commit(&OperatorCommand::OptionalStop(true), 0, false);
     assert_eq!(seen(&desk).0, [false, true, true]);
-    desk.commit(&Command::SingleStep(true), 0, false);
-    desk.commit(&Command::BlockDelete(false), 0, false);
+    desk.commit(&OperatorCommand::SingleStep(true), 0, false);
+    desk.commit(&OperatorCommand::BlockDelete(false), 0, false);
     assert_eq!(seen(&desk).0, [true, true, false]);
-    desk.commit(&Command::SingleStep(false), 0, false);
-    desk.commit(&Command::Step, 0, false);
+    desk.commit(&OperatorCommand::SingleStep(false), 0, false);
+    desk.commit(&OperatorCommand::Step, 0, false);
     assert_eq!(seen(&desk).0, [true, true, false], "a step switches it on");
     assert_eq!(desk.program(), None);
-    desk.commit(&Command::Load("part.ngc".to_owned()), 0, false);
+    desk.commit(&OperatorCommand::Load("part.ngc".to_owned()), 0, false);
     assert_eq!(desk.program(), Some("part.ngc"));
-    desk.commit(&Command::FeedOverride(0.5), 0, false);
-    desk.commit(&Command::RapidOverride(0.25), 0, false);
-    desk.commit(&Command::SpindleOverride(0.75), 0, false);
+    desk.commit(&OperatorCommand::FeedOverride(0.5), 0, false);
+    desk.commit(&OperatorCommand::RapidOverride(0.25), 0, false);
+    desk.commit(&OperatorCommand::SpindleOverride(0.75), 0, false);
     assert_eq!(seen(&desk).1, [0.5, 0.25, 0.75]);
 }
 
@@ -347,12 +357,12 @@ fn whatever_is_refused_changes_nothing_but_the_counts() {
         ..good
     };
     for (client, serial, raw, verdict) in [
-        (0, 99, good, Verdict::Rejected),
-        (7, 0, good, Verdict::Rejected),
-        (7, 2, good, Verdict::Stale),
-        (7, 1, good, Verdict::Stale),
-        (7, 99, nan, Verdict::Rejected),
-        (7, 99, good, Verdict::Stale),
+        (0, 99, good, CommandVerdict::Rejected),
+        (7, 0, good, CommandVerdict::Rejected),
+        (7, 2, good, CommandVerdict::Stale),
+        (7, 1, good, CommandVerdict::Stale),
+        (7, 99, nan, CommandVerdict::Rejected),
+        (7, 99, good, CommandVerdict::Stale),
     ] {
         let refused = desk.authorize(client, serial, &raw, &FACTS).unwrap_err();
         assert_eq!(refused.0, verdict, "{client} {serial}");
@@ -449,15 +459,15 @@ fn the_first_of_the_alarms_is_their_cause() {
 #[test]
 fn drives_not_enabled_in_time_raise_an_alarm() {
     let mut desk = OperatorState::default();
-    desk.commit(&Command::EstopReset, 0, true);
-    desk.commit(&Command::On, 1_000, true);
+    desk.commit(&OperatorCommand::EstopReset, 0, true);
+    desk.commit(&OperatorCommand::On, 1_000, true);
     assert_eq!((desk.machine(), desk.wants_power()), (MachineState::Off, true));
     desk.enable(false, 1_000 + ENABLE_NS);
     assert!(desk.wants_power());
     desk.enable(false, 1_001 + ENABLE_NS);
     assert!(!desk.wants_power() && desk.has_latched_alarm());
-    desk.commit(&Command::ClearAlarms, 0, true);
-    desk.commit(&Command::On, 0, true);
+    desk.commit(&OperatorCommand::ClearAlarms, 0, true);
+    desk.commit(&OperatorCommand::On, 0, true);
     desk.enable(true, 10);
     assert_eq!(desk.machine(), MachineState::On);
 }
@@ -480,12 +490,15 @@ fn an_open_chain_is_an_emergency_stop() {
     let (verdict, refusal) = desk
         .authorize(7, 1, &raw(CommandCode::EstopReset), &open)
         .unwrap_err();
-    assert_eq!((verdict, refusal.alarm), (Verdict::Rejected, Alarm::ChainOpen));
+    assert_eq!(
+        (verdict, refusal.alarm),
+        (CommandVerdict::Rejected, Alarm::ChainOpen)
+    );
     let reset = desk
         .authorize(7, 2, &raw(CommandCode::EstopReset), &FACTS)
         .unwrap();
     desk.commit(&reset, 0, true);
-    desk.commit(&Command::On, 1000, true);
+    desk.commit(&OperatorCommand::On, 1000, true);
     desk.fall_into_estop();
     assert!(desk.machine() == MachineState::Estop && !desk.wants_power());
     desk.enable(true, 2000);

@@ -12,8 +12,8 @@ fn dwell(line: u32) -> Step {
     Step::Dwell { seconds: 0.1, line }
 }
 
-fn request(id: u64) -> Request {
-    Request { id, ..EMPTY }
+fn request(id: u64) -> ReplanRequest {
+    ReplanRequest { id, ..EMPTY }
 }
 
 /// Four steps: the first two are final, the others are a tail.
@@ -163,7 +163,7 @@ fn answers_that_nobody_read_leave_room_for_the_next() {
     for id in 1..=2 * REQUESTS as u64 {
         assert!(consumer.ask(request(id)));
         assert!(producer.request().is_some());
-        producer.reply(Reply { id, step: Some(3) });
+        producer.reply(ReplanReply { id, step: Some(3) });
     }
     let last = 2 * REQUESTS as u64;
     assert!(consumer.reply(last).is_some());
@@ -261,7 +261,7 @@ fn only_the_last_request_is_open_and_answered() {
     assert_eq!(producer.request(), Some(request(2)));
     assert_eq!(producer.request(), None, "asked once");
     for id in [1, 2] {
-        producer.reply(Reply {
+        producer.reply(ReplanReply {
             id,
             step: Some(10 + id),
         });

@@ -70,12 +70,12 @@ macro_rules! forward_to_sink {
         }
     };
     (@ request) => {
-        fn request(&mut self) -> Option<evolvent_planner::Request> {
+        fn request(&mut self) -> Option<evolvent_planner::ReplanRequest> {
             self.sink.request()
         }
     };
     (@ reply) => {
-        fn reply(&mut self, reply: evolvent_planner::Reply) {
+        fn reply(&mut self, reply: evolvent_planner::ReplanReply) {
             self.sink.reply(reply);
         }
     };

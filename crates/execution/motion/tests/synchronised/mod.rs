@@ -10,8 +10,8 @@ use std::f64::consts::TAU;
 use evolvent_counting::calls;
 use evolvent_machine::{Limits, PlannerKind, SignalSettings};
 use evolvent_motion::{
-    Inputs, PathExecutor, Setpoint, State, TapReturn, ThreadLeg, ThreadObjection, ThreadPass, ThreadResult,
-    ThreadVerdict, Threading, ThreadingSender, plan_queue,
+    Inputs, MotionState, PathExecutor, Setpoint, TapReturn, ThreadLeg, ThreadObjection, ThreadPass,
+    ThreadResult, ThreadVerdict, Threading, ThreadingSender, plan_queue,
 };
 use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::{PathLimits, PathRules, Planner, Step};
@@ -102,7 +102,7 @@ struct Outcome {
     pass: std::ops::Range<usize>,
     track: Track,
     allocations: usize,
-    state: State,
+    state: MotionState,
 }
 
 /// Drives one pass, and a move away from its end.

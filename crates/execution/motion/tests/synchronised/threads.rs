@@ -18,7 +18,7 @@ fn error_of_a_pass(spindle: &Spindle, pitch: f64, what: &str) -> f64 {
         f64::INFINITY,
     );
     assert_eq!(outcome.allocations, 0, "{what}");
-    assert_eq!(outcome.state, State::Done, "{what}");
+    assert_eq!(outcome.state, MotionState::Done, "{what}");
     let result = outcome.result.expect("a result");
     assert_eq!(result.verdict, ThreadVerdict::Done, "{what}");
     assert_eq!(result.stands_at[2], -30.0, "{what}");
@@ -119,7 +119,7 @@ fn passes_after_holds_at_other_speeds_share_a_groove() {
             hold,
             f64::INFINITY,
         );
-        assert_eq!(outcome.state, State::Done, "case {case}");
+        assert_eq!(outcome.state, MotionState::Done, "case {case}");
         let (error, _) = phase_error(&outcome, &pass, 1.25, run_in, 1_000_000);
         assert!(error < 0.0025, "case {case}, {rev_s} turns/s: {error}");
     }
@@ -246,7 +246,7 @@ fn random_threads_keep_every_limit() {
         match outcome.result.map(|result| result.verdict) {
             None => {
                 met[0] += 1;
-                assert_eq!(outcome.state, State::Stopped, "{what}");
+                assert_eq!(outcome.state, MotionState::Stopped, "{what}");
             }
             Some(ThreadVerdict::Done) => met[1] += 1,
             Some(ThreadVerdict::Refused(_)) => {

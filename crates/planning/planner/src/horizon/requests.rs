@@ -3,7 +3,7 @@
 use evolvent_timing::{Entry, PathPosition};
 
 use super::{Horizon, PendingBranch, PlanFrontier, RESERVED_STEPS, RestPoint};
-use crate::step::{PlanSink, Reply, Request};
+use crate::step::{PlanSink, ReplanReply, ReplanRequest};
 
 impl<S: PlanSink> Horizon<S> {
     /// Replies to the open request as soon as enough path is known. That amount must not depend on how the
@@ -126,13 +126,13 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    fn reply(&mut self, request: &Request, step: Option<u64>) {
+    fn reply(&mut self, request: &ReplanRequest, step: Option<u64>) {
         self.request = None;
         self.pieces.clear();
-        self.sink.reply(Reply { id: request.id, step });
+        self.sink.reply(ReplanReply { id: request.id, step });
     }
 
-    fn frontier_at(&self, request: &Request) -> PlanFrontier {
+    fn frontier_at(&self, request: &ReplanRequest) -> PlanFrontier {
         let interval = request.interval;
         let length = self.grid.interval_length(interval).unwrap_or(0.0);
         let x = (request.offset - self.interval_start(interval)).clamp(0.0, length);

@@ -6,16 +6,16 @@ use evolvent_path::{Curve, Line};
 
 use super::*;
 use crate::recorder::{Recorder, equal_axes, point};
-use crate::step::Reply;
+use crate::step::ReplanReply;
 use crate::step::{ExitSpeeds, SegmentMarks};
 
 /// A recorder that sends one request, after this many polls.
 #[derive(Default)]
 struct RequestingSink {
     recorder: Recorder,
-    request: Option<Request>,
+    request: Option<ReplanRequest>,
     looks: u32,
-    replies: Vec<Reply>,
+    replies: Vec<ReplanReply>,
 }
 
 impl PlanSink for RequestingSink {
@@ -37,7 +37,7 @@ impl PlanSink for RequestingSink {
         self.recorder.commit(count);
     }
 
-    fn request(&mut self) -> Option<Request> {
+    fn request(&mut self) -> Option<ReplanRequest> {
         match self.looks.checked_sub(1) {
             Some(left) => {
                 self.looks = left;
@@ -47,7 +47,7 @@ impl PlanSink for RequestingSink {
         }
     }
 
-    fn reply(&mut self, reply: Reply) {
+    fn reply(&mut self, reply: ReplanReply) {
         self.replies.push(reply);
     }
 }
@@ -101,7 +101,7 @@ fn a_request_just_before_a_stop_is_answered() {
     horizon.rest(Step::End { line: 1 });
     horizon.advance().expect("plan");
     for rate in [1.0, 0.5] {
-        horizon.sink.request = Some(Request {
+        horizon.sink.request = Some(ReplanRequest {
             id: 1,
             step: 0,
             segment: 0,
@@ -114,7 +114,10 @@ fn a_request_just_before_a_stop_is_answered() {
             feed_factor: 0.5,
         });
         horizon.advance().expect("plan");
-        assert_eq!(horizon.sink.replies.pop(), Some(Reply { id: 1, step: None }));
+        assert_eq!(
+            horizon.sink.replies.pop(),
+            Some(ReplanReply { id: 1, step: None })
+        );
     }
 }
 
@@ -128,7 +131,7 @@ fn an_impossible_request_keeps_the_solved_window() {
         let mut horizon = horizon(lines);
         horizon.rest(Step::End { line: 1 });
         horizon.sink.looks = looks;
-        horizon.sink.request = Some(Request {
+        horizon.sink.request = Some(ReplanRequest {
             id: 1,
             step: 0,
             segment: 0,
@@ -141,7 +144,7 @@ fn an_impossible_request_keeps_the_solved_window() {
             feed_factor: 1.0,
         });
         horizon.advance().expect("plan");
-        assert_eq!(horizon.sink.replies, [Reply { id: 1, step: None }]);
+        assert_eq!(horizon.sink.replies, [ReplanReply { id: 1, step: None }]);
         let (steps, expected) = (&horizon.sink.recorder.steps, &undisturbed.sink.recorder.steps);
         assert!(steps == expected, "asked at look {looks}");
     }

@@ -15,7 +15,7 @@ use crate::tube::lookahead;
 use crate::weights::Scales;
 use crate::zone::{BlendZone, EndCondition, spread};
 use crate::zone_solver::ZoneSolver;
-use crate::{Block, Mark, Output, PathSegment, Settings, Tolerance};
+use crate::{Mark, Output, PathSegment, ProgramMove, SmootherSettings, Tolerance};
 
 /// Extent of a zone on each side of a joint, in spacings there: the spacing has grown over 20 knots by then.
 const EXTENT: f64 = 150.0;
@@ -49,14 +49,14 @@ enum Ending {
 /// Not real-time safe. After the first few thousand blocks no memory is allocated.
 #[derive(Debug)]
 pub struct Smoother {
-    settings: Settings,
+    settings: SmootherSettings,
     scales: Scales,
     /// The path since the last position at which it is kept: the section.
     chain: Chain,
     state: State,
     zone: BlendZone,
     finder: ZoneSolver,
-    last: Option<Block>,
+    last: Option<ProgramMove>,
     marks: VecDeque<Mark>,
     /// Parameter of the section's start since the smoother was created, and the end of the section's output.
     base: f64,
@@ -111,7 +111,7 @@ struct Tally {
 impl Smoother {
     /// Starts at rest at the beginning of the first block.
     #[must_use]
-    pub fn new(settings: Settings) -> Self {
+    pub fn new(settings: SmootherSettings) -> Self {
         let mut chain = Chain::default();
         chain.clear();
         Self {
@@ -140,7 +140,7 @@ impl Smoother {
     }
 
     /// Appends a block and outputs the path that is thereby determined.
-    pub fn push(&mut self, block: &Block, out: &mut Vec<Output>) {
+    pub fn push(&mut self, block: &ProgramMove, out: &mut Vec<Output>) {
         let length = block.curve.domain();
         let mark = |end: f64| Mark {
             end,

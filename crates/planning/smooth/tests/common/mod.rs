@@ -10,7 +10,7 @@
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Plane, Sense};
 pub use evolvent_random::Random;
-use evolvent_smooth::{Block, Output, PathSegment, Settings, Smoother, Tolerance};
+use evolvent_smooth::{Output, PathSegment, ProgramMove, Smoother, SmootherSettings, Tolerance};
 
 /// Seed and number of cases, from `EVOLVENT_SEED` and `EVOLVENT_CASES` if set; printed.
 pub fn campaign(seed: u64, cases: usize) -> (Random, usize) {
@@ -43,8 +43,8 @@ pub fn limits(random: &mut Random) -> Limits {
     limits
 }
 
-pub fn settings(limits: Limits) -> Settings {
-    Settings {
+pub fn settings(limits: Limits) -> SmootherSettings {
+    SmootherSettings {
         joint_time_s: 1e-3,
         limits,
     }
@@ -62,8 +62,8 @@ pub fn point(values: &[f64]) -> Axes {
     axes
 }
 
-pub fn block(curve: Curve, feed: f64, tolerance: Tolerance) -> Block {
-    Block {
+pub fn block(curve: Curve, feed: f64, tolerance: Tolerance) -> ProgramMove {
+    ProgramMove {
         curve,
         feed_mm_s: feed,
         rapid: feed.is_infinite(),
@@ -74,12 +74,12 @@ pub fn block(curve: Curve, feed: f64, tolerance: Tolerance) -> Block {
 }
 
 /// Lines through points, numbered.
-pub fn chain(points: &[Axes], feed: f64, tolerance: Tolerance) -> Vec<Block> {
+pub fn chain(points: &[Axes], feed: f64, tolerance: Tolerance) -> Vec<ProgramMove> {
     points
         .windows(2)
         .filter_map(|pair| Line::new(pair[0], pair[1]).ok())
         .enumerate()
-        .map(|(k, line)| Block {
+        .map(|(k, line)| ProgramMove {
             line: k as u32,
             block: k as u32,
             ..block(line.into(), feed, tolerance)
@@ -98,9 +98,9 @@ pub struct Kind {
     pub flat: bool,
 }
 
-pub fn program(random: &mut Random, kind: Kind, count: usize, tolerance: Tolerance) -> Vec<Block> {
+pub fn program(random: &mut Random, kind: Kind, count: usize, tolerance: Tolerance) -> Vec<ProgramMove> {
     let mut at = Axes::zeros();
-    let mut blocks: Vec<Block> = Vec::new();
+    let mut blocks: Vec<ProgramMove> = Vec::new();
     let (mut mode, mut feed) = (tolerance, 100.0);
     let mut tries = 0;
     while blocks.len() < count && tries < 20 * count {
@@ -160,7 +160,7 @@ pub fn program(random: &mut Random, kind: Kind, count: usize, tolerance: Toleran
         let Some(curve) = curve else { continue };
         at = curve.end();
         let k = blocks.len() as u32;
-        blocks.push(Block {
+        blocks.push(ProgramMove {
             line: k + 1,
             block: k,
             ..block(curve, feed, mode)
@@ -231,7 +231,7 @@ pub fn involute(random: &mut Random, at: Axes, step: f64) -> Option<Curve> {
 }
 
 /// Smooths a program that ends at rest.
-pub fn smooth(settings: Settings, blocks: &[Block]) -> (Vec<Output>, Smoother) {
+pub fn smooth(settings: SmootherSettings, blocks: &[ProgramMove]) -> (Vec<Output>, Smoother) {
     let mut smoother = Smoother::new(settings);
     let mut out = Vec::new();
     for block in blocks {
@@ -265,12 +265,12 @@ pub fn distance(d: &Axes) -> f64 {
 
 /// The programmed path by its length.
 pub struct Programmed<'a> {
-    blocks: &'a [Block],
+    blocks: &'a [ProgramMove],
     starts: Vec<f64>,
 }
 
 impl<'a> Programmed<'a> {
-    pub fn new(blocks: &'a [Block]) -> Self {
+    pub fn new(blocks: &'a [ProgramMove]) -> Self {
         let mut starts = vec![0.0];
         for block in blocks {
             starts.push(starts[starts.len() - 1] + block.curve.domain());
@@ -332,7 +332,7 @@ impl<'a> Programmed<'a> {
 }
 
 /// Checks the properties of every path.
-pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
+pub fn check(blocks: &[ProgramMove], out: &[Output], samples: usize, what: &str) {
     let programmed = Programmed::new(blocks);
     let scale = 1.0 + programmed.length();
     let max = blocks.iter().map(|b| b.tolerance.mm()).fold(0.0, f64::max);
@@ -391,7 +391,7 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                     - 1];
                 // Near a joint the lower of the feeds of both blocks applies.
                 let reach = 2.0 * max + 1e-9;
-                let is_lower = |(block, starts): (&Block, &[f64])| {
+                let is_lower = |(block, starts): (&ProgramMove, &[f64])| {
                     (block.feed_mm_s, block.rapid) == (stretch.feed_mm_s, stretch.rapid)
                         && block.feed_mm_s < by_middle.feed_mm_s
                         && starts[0] <= u + stretch.length + reach

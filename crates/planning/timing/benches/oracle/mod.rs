@@ -10,7 +10,7 @@ use copp::solver::topp2_ra::{ReachSet2OptionsBuilder, Topp2ProblemBuilder, topp2
 use copp::solver::topp3_socp::{ClarabelOptionsBuilder, Topp3ProblemBuilder, s_to_t_topp3, topp3_socp};
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Curve, Jet};
-use evolvent_timing::Piece;
+use evolvent_timing::TimeLawPiece;
 use nalgebra::DMatrix;
 
 use crate::common::Path;
@@ -100,7 +100,7 @@ fn stations(path: &Path, each: usize) -> Vec<Station> {
 }
 
 /// `u'^2` of a plan at the stations.
-fn squares(pieces: &[Piece], stations: &[Station]) -> Vec<f64> {
+fn squares(pieces: &[TimeLawPiece], stations: &[Station]) -> Vec<f64> {
     let (mut index, mut begin) = (0, 0.0);
     stations
         .iter()
@@ -121,7 +121,7 @@ pub(crate) fn optimum(
     path: &Path,
     limits: &Limits,
     each: usize,
-    start: Option<&[Piece]>,
+    start: Option<&[TimeLawPiece]>,
 ) -> Option<(f64, usize)> {
     let axes: Vec<usize> = (0..AXES)
         .filter(|&i| {

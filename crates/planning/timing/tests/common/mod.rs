@@ -8,7 +8,7 @@ use evolvent_machine::Limits;
 use evolvent_path::{AXES, Arc, Axes, Blend, Curve, Involute, Line, Plane, Sense};
 #[allow(unused_imports, reason = "each test uses a part")]
 pub(crate) use evolvent_random::Random;
-use evolvent_timing::{Grid, PathLimits, Piece};
+use evolvent_timing::{Grid, PathLimits, TimeLawPiece};
 
 /// Equal limits on the first `count` axes.
 pub(crate) fn axes(count: usize, velocity: f64, acceleration: f64, jerk: f64) -> Limits {
@@ -165,7 +165,7 @@ pub(crate) struct Measured {
 /// Positions of a motion at a fixed rate, from pieces that may be replaced during the motion.
 pub(crate) struct Player<'a> {
     pub(crate) grid: &'a Grid,
-    pub(crate) pieces: &'a [Piece],
+    pub(crate) pieces: &'a [TimeLawPiece],
 }
 
 impl Player<'_> {
@@ -247,7 +247,7 @@ pub(crate) fn measure_all(player: &Player<'_>, limits: &Limits, rates: &[f64]) -
 }
 
 /// Asserts that pieces are contiguous, cover `length` and end at rest.
-pub(crate) fn assert_chained(pieces: &[Piece], from: (f64, f64), length: f64, what: &str) {
+pub(crate) fn assert_chained(pieces: &[TimeLawPiece], from: (f64, f64), length: f64, what: &str) {
     let (mut v, mut a, mut covered) = (from.0, from.1, 0.0);
     let top = pieces.iter().map(|p| p.law.at(0.0).0.v).fold(0.0, f64::max);
     let push = pieces.iter().map(|p| p.law.at(0.0).0.a.abs()).fold(0.0, f64::max);

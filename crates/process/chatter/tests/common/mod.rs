@@ -10,11 +10,11 @@
 pub mod oracle;
 
 use evolvent_chatter::{CuttingTool, PrincipalAxis};
-use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
+use evolvent_cutting::{ForceLaw, LawDefinition, ToolAngles};
 pub use evolvent_random::Random;
 
 pub fn steel() -> ForceLaw {
-    let tool = Tool {
+    let tool = ToolAngles {
         rake_deg: 10.0,
         lead_deg: 60.0,
     };

@@ -11,7 +11,8 @@ mod part;
 #[allow(unused_imports, reason = "each test uses a part")]
 pub use evolvent_random::{Random, cases};
 use evolvent_turning::{
-    BackOff, Blank, CutLaw, Regime, RegimeInput, SensorModel, Strategy, Tool, TurningOutput, TurningSettings,
+    BackOff, Blank, CutLaw, CuttingEdge, Regime, RegimeInput, SensorModel, Strategy, TurningOutput,
+    TurningSettings,
 };
 
 pub use part::Part;
@@ -29,15 +30,15 @@ pub fn law() -> CutLaw {
     }
 }
 
-pub fn tool() -> Tool {
-    Tool::new(60.0, 12.0).unwrap()
+pub fn tool() -> CuttingEdge {
+    CuttingEdge::new(60.0, 12.0).unwrap()
 }
 
 pub fn regime(back_off: BackOff) -> Regime {
     regime_of(&tool(), back_off)
 }
 
-pub fn regime_of(tool: &Tool, back_off: BackOff) -> Regime {
+pub fn regime_of(tool: &CuttingEdge, back_off: BackOff) -> Regime {
     let input = RegimeInput {
         law: law(),
         set_load: SET,

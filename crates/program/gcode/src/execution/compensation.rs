@@ -13,13 +13,13 @@ use crate::execution::execute::Executor;
 use crate::execution::offset_path::{Corner, Element, Misfit, Point, ROUNDING_MM, Shape};
 use crate::execution::offset_path::{add, along, dot, left, length, sub};
 use crate::tables::tools::MAX_ORIENTATION;
-use crate::{Action, Code, Command, Move, MoveKind};
+use crate::{Action, CanonicalCommand, Code, Move, MoveKind};
 
 /// A command of an earlier line, as it was before the present line trimmed it.
 #[derive(Clone, Debug)]
 pub(crate) struct Changed {
     pub(crate) index: usize,
-    pub(crate) command: Command,
+    pub(crate) command: CanonicalCommand,
     /// It has been removed from the commands.
     pub(crate) removed: bool,
 }

@@ -15,7 +15,7 @@ use evolvent_path::{Curve, Plane};
 
 use crate::execution::compensation::CutterState;
 use crate::execution::offset_path::{Point, dot, length, sub};
-use crate::{Action, CallChain, Command, Move, MoveKind};
+use crate::{Action, CallChain, CanonicalCommand, Move, MoveKind};
 
 /// Maximum number of programmed moves of a contour that are compared, with three times as many of the path: a
 /// few milliseconds.
@@ -351,7 +351,7 @@ impl ClosedContour {
     }
 
     /// `is_known`: all edges are edges of the part.
-    fn warning(&self, cut: Cut, is_known: bool) -> Command {
+    fn warning(&self, cut: Cut, is_known: bool) -> CanonicalCommand {
         let unit = self.tool.unit;
         let unless = if is_known {
             ""
@@ -365,7 +365,7 @@ impl ClosedContour {
             cut.depth / unit,
             cut.edge
         );
-        Command {
+        CanonicalCommand {
             line: cut.path,
             action: Action::Warning(text),
             origin: None,
@@ -393,7 +393,7 @@ pub(crate) struct ContourWatch {
     has_entered: bool,
     /// Earlier contours.
     contours: VecDeque<ClosedContour>,
-    findings: VecDeque<Command>,
+    findings: VecDeque<CanonicalCommand>,
 }
 
 impl ContourWatch {
@@ -454,14 +454,14 @@ impl ContourWatch {
 
     /// A command is output and final.
     #[inline]
-    pub(crate) fn output(&mut self, command: &Command) {
+    pub(crate) fn output(&mut self, command: &CanonicalCommand) {
         if self.tool.is_some() {
             self.follow(command);
         }
         self.output_count += 1;
     }
 
-    fn follow(&mut self, command: &Command) {
+    fn follow(&mut self, command: &CanonicalCommand) {
         let (Some(tool), Action::Move(Move { curve, .. })) = (self.tool, &command.action) else {
             return;
         };
@@ -482,7 +482,7 @@ impl ContourWatch {
 
     /// The findings on the contours of a finished compensation, one per call.
     #[inline]
-    pub(crate) fn finding(&mut self) -> Option<Command> {
+    pub(crate) fn finding(&mut self) -> Option<CanonicalCommand> {
         if self.end.is_some_and(|end| self.output_count >= end) {
             self.compare();
         }

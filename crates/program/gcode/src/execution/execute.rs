@@ -17,7 +17,8 @@ use crate::parameters::values::{Parameters, WORK_OFFSET};
 use crate::state::machine_state::{ProgrammedFeed, ProgrammedSpeed, State};
 use crate::syntax::statement::Statement;
 use crate::{
-    Action, CallChain, Code, Command, Origin, PathMode, SPINDLES, Settings, SpindleDirection, ToolTable,
+    Action, CallChain, CanonicalCommand, Code, Origin, PathMode, SPINDLES, Settings, SpindleDirection,
+    ToolTable,
 };
 
 /// Maximum number of commands that wait for cutter compensation or that one line produces: a few hundred
@@ -37,7 +38,7 @@ pub(crate) struct Executor<'a> {
     pub(crate) parameters: &'a mut Parameters,
     /// Control points of a NURBS: X, Y in mm of program coordinates, and weight.
     pub(crate) control_points: &'a mut Vec<[f64; 3]>,
-    pub(crate) out: &'a mut VecDeque<Command>,
+    pub(crate) out: &'a mut VecDeque<CanonicalCommand>,
     /// Commands that cutter compensation has changed.
     pub(crate) changed: &'a mut Vec<Changed>,
     /// Contours whose parts may be too close to each other.
@@ -70,7 +71,7 @@ pub(crate) enum Request {
 impl Executor<'_> {
     #[inline]
     pub(crate) fn out(&mut self, action: Action) {
-        self.out.push_back(Command {
+        self.out.push_back(CanonicalCommand {
             line: self.number,
             action,
             origin: self.origin.clone(),

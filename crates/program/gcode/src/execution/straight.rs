@@ -7,7 +7,7 @@ use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 use crate::execution::execute::MAX_HELD_COMMANDS;
 use crate::execution::offsets::check_coordinate;
-use crate::{Action, Code, Command, Move, MoveKind, PathMode};
+use crate::{Action, CanonicalCommand, Code, Move, MoveKind, PathMode};
 
 impl Executor<'_> {
     /// The target of the axis words, in machine coordinates.
@@ -216,7 +216,7 @@ impl Executor<'_> {
         if !self.state.cutter.is_on() {
             self.state.cutter.programmed = None;
         }
-        self.out.push_back(Command {
+        self.out.push_back(CanonicalCommand {
             line: self.number,
             action: Action::Move(Move {
                 curve: Curve::Line(line),
@@ -261,7 +261,7 @@ impl Executor<'_> {
             // After G40 the tool has returned to the programmed path.
             self.state.cutter.programmed = None;
         }
-        self.out.push_back(Command {
+        self.out.push_back(CanonicalCommand {
             line: self.number,
             action: Action::Move(Move {
                 curve,

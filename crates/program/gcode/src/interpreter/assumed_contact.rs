@@ -14,7 +14,7 @@ use crate::state::scope::Scope;
 use crate::syntax::block::{Keyword, OWord};
 use crate::syntax::parser::parse;
 use crate::syntax::statement::Statement;
-use crate::{Action, Command, Diagnostic};
+use crate::{Action, CanonicalCommand, Diagnostic};
 
 impl<R: BufRead> Interpreter<R> {
     /// The axes along which the line read last moves from or to a position that depends on a probing move
@@ -193,7 +193,7 @@ impl<R: BufRead> Interpreter<R> {
     /// Outputs a warning of the present line.
     pub(crate) fn warn(&mut self, text: String) {
         let (line, origin) = (self.shown_line(), self.origin());
-        self.output.pending.push_back(Command {
+        self.output.pending.push_back(CanonicalCommand {
             line,
             action: Action::Warning(text),
             origin,

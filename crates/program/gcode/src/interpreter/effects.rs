@@ -15,7 +15,7 @@ use crate::state::machine_state::Modes;
 use crate::syntax::comment::{self, Remark};
 use crate::syntax::expression::Target;
 use crate::syntax::statement::Statement;
-use crate::{Action, Code, Command, LogAction};
+use crate::{Action, CanonicalCommand, Code, LogAction};
 
 impl<R: BufRead> Interpreter<R> {
     /// Reports the value of an input (M66). Call it after [`Action::WaitInput`] has been executed, before the
@@ -169,7 +169,7 @@ impl<R: BufRead> Interpreter<R> {
                 }
             };
             let (origin, calls) = (self.origin(), self.current.place.calls.clone());
-            self.output.pending.push_back(Command {
+            self.output.pending.push_back(CanonicalCommand {
                 line,
                 action,
                 origin,

@@ -47,7 +47,7 @@ use crate::state::machine_state::{ProgrammedFeed, State};
 use crate::state::scope::Scope;
 use crate::syntax::reader::LineReader;
 use crate::syntax::statement::Statement;
-use crate::{Action, Code, Command, Diagnostic, Origin, Settings, ToolTable};
+use crate::{Action, CanonicalCommand, Code, Diagnostic, Origin, Settings, ToolTable};
 
 /// Number of lines between two checks of the interrupt flag.
 const INTERRUPT_LINES: u64 = 1024;
@@ -481,7 +481,7 @@ impl<R: BufRead> Interpreter<R> {
         Fault::new(Code::TooManySteps, place, message).help("correct the errors reported before this one")
     }
 
-    fn take_pending(&mut self) -> Option<Command> {
+    fn take_pending(&mut self) -> Option<CanonicalCommand> {
         let command = self.output.pending.pop_front()?;
         let held = &mut self.state.cutter.held;
         *held = held.map(|held| held - 1);
@@ -508,7 +508,7 @@ impl<R: BufRead> Interpreter<R> {
 }
 
 impl<R: BufRead> Iterator for Interpreter<R> {
-    type Item = Result<Command, Diagnostic>;
+    type Item = Result<CanonicalCommand, Diagnostic>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if let Some(piece) = self.output.surface_feed.next() {

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use crate::Command;
+use crate::CanonicalCommand;
 use crate::execution::compensation::Changed;
 use crate::execution::contour_watch::ContourWatch;
 use crate::interpreter::surface_feed::SurfaceFeed;
@@ -11,7 +11,7 @@ use crate::interpreter::surface_feed::SurfaceFeed;
 #[derive(Default)]
 pub(crate) struct Output {
     /// Commands of the last line that have not been requested yet.
-    pub(crate) pending: VecDeque<Command>,
+    pub(crate) pending: VecDeque<CanonicalCommand>,
     /// Commands of earlier lines that the present line has changed.
     pub(crate) changed: Vec<Changed>,
     /// Contours whose parts may be too close to each other.

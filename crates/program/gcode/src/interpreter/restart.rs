@@ -10,7 +10,8 @@ use crate::interpreter::Interpreter;
 use crate::state::machine_state::ProgrammedSpeed;
 use crate::state::machine_state::{INCH_MM, State};
 use crate::{
-    Action, CallChain, Code, Command, Diagnostic, Move, MoveKind, PathMode, SPINDLES, SpindleDirection,
+    Action, CallChain, CanonicalCommand, Code, Diagnostic, Move, MoveKind, PathMode, SPINDLES,
+    SpindleDirection,
 };
 
 /// The state after the lines before a restart. The user has to see it before any motion: the machine is first
@@ -37,7 +38,7 @@ pub struct Restart {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Approach {
     /// Commands: the tool, then spindle and coolant, then moves, each of which ends at rest.
-    pub commands: Vec<Command>,
+    pub commands: Vec<CanonicalCommand>,
     /// The moves for display, one per line: `Z to 100.000, rapid`.
     pub told: Vec<String>,
 }
@@ -58,10 +59,10 @@ impl Restart {
     /// [`Code::RestartRefused`] if the position is not finite.
     pub fn approach(&self, from: &Axes, axis: AxisLetter, clear: f64) -> Result<Approach, Box<Diagnostic>> {
         let index = axis.index();
-        let mut commands: Vec<Command> = Vec::new();
+        let mut commands: Vec<CanonicalCommand> = Vec::new();
         let mut told = Vec::new();
         for action in &self.actions {
-            commands.push(Command {
+            commands.push(CanonicalCommand {
                 line: self.line,
                 action: action.clone(),
                 origin: None,
@@ -107,7 +108,7 @@ impl Restart {
                 MoveKind::Rapid => format!("{}, rapid", words.join(", ")),
                 MoveKind::Feed => format!("{}, at {:.1} mm/min", words.join(", "), 60.0 * feed),
             });
-            commands.push(Command {
+            commands.push(CanonicalCommand {
                 line: self.line,
                 action: Action::Move(Move {
                     curve: Curve::Line(line),

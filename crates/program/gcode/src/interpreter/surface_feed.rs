@@ -3,7 +3,7 @@
 
 use evolvent_path::{Axes, Curve, MoveKind, PathMode, SpindleSpeed};
 
-use crate::{Action, Command, SPINDLES};
+use crate::{Action, CanonicalCommand, SPINDLES};
 
 /// Maximum ratio of spindle speeds along a piece: the feed per revolution is accurate to half of the excess
 /// over 1.
@@ -23,7 +23,7 @@ pub(crate) struct SurfaceFeed {
     /// The speed of each spindle, if it follows the radius.
     speeds: [Option<SpindleSpeed>; SPINDLES],
     /// A partly output move, and the length output so far, mm.
-    rest: Option<(Command, f64)>,
+    rest: Option<(CanonicalCommand, f64)>,
 }
 
 impl SurfaceFeed {
@@ -40,18 +40,18 @@ impl SurfaceFeed {
     }
 
     /// The spindle speed that determines the feed of a command, if it follows the radius.
-    fn speed_of(&self, command: &Command) -> Option<SpindleSpeed> {
+    fn speed_of(&self, command: &CanonicalCommand) -> Option<SpindleSpeed> {
         self.speeds.get(command.feed_spindle as usize).copied().flatten()
     }
 
     /// The next piece of the present move.
-    pub(crate) fn next(&mut self) -> Option<Command> {
+    pub(crate) fn next(&mut self) -> Option<CanonicalCommand> {
         let (command, done_mm) = self.rest.take()?;
         Some(self.piece(command, done_mm))
     }
 
     /// A command, or its first piece.
-    pub(crate) fn divide(&mut self, command: Command) -> Command {
+    pub(crate) fn divide(&mut self, command: CanonicalCommand) -> CanonicalCommand {
         self.set_speed(&command.action);
         let is_fed = matches!(&command.action, Action::Move(motion) if motion.kind == MoveKind::Feed);
         if !is_fed || self.speed_of(&command).is_none() || command.feed_mm_rev.is_none() {
@@ -61,7 +61,7 @@ impl SurfaceFeed {
     }
 
     /// The next piece of a move of which `done_mm` has been output.
-    fn piece(&mut self, mut command: Command, done_mm: f64) -> Command {
+    fn piece(&mut self, mut command: CanonicalCommand, done_mm: f64) -> CanonicalCommand {
         let (Some(speed), Some(feed), Action::Move(motion)) =
             (self.speed_of(&command), command.feed_mm_rev, &mut command.action)
         else {

@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use std::io::BufRead;
 
 use evolvent_gcode::{
-    Action, Command, Interpreter, LogAction, MoveKind, PathMode, SPINDLES, Settings, SpindleDirection,
+    Action, CanonicalCommand, Interpreter, LogAction, MoveKind, PathMode, SPINDLES, Settings,
+    SpindleDirection,
 };
 use evolvent_path::{Axes, Curve};
 
@@ -110,7 +111,7 @@ impl Printer {
         self.lines.push(text);
     }
 
-    fn command(&mut self, command: &Command) {
+    fn command(&mut self, command: &CanonicalCommand) {
         match &command.action {
             Action::Move(step) => {
                 let feed = step.feed_mm_s * 60.0;

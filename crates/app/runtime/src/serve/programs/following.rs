@@ -6,7 +6,7 @@ use std::time::Instant;
 use evolvent_config::no_reply;
 use evolvent_control::{Alarm, JobResult};
 use evolvent_machine::Magazine;
-use evolvent_motion::State;
+use evolvent_motion::MotionState;
 
 use super::{
     AT_WORK, ChangeBeginning, NO_SAVER, NUMBERS_LEFT, PLANNER_TIMEOUT, StepBehind, UserCommand, sentence,
@@ -30,7 +30,9 @@ impl Operator {
         let message = &mut self.message;
         if let Some(modal) = self.program.track.reach(&setpoint, |notice| match notice.moment {
             _ if !notice.is_message => {}
-            Moment::Rest(_) if setpoint.state == State::ProgramStop => message.tell_of_stop(&*notice.text),
+            Moment::Rest(_) if setpoint.state == MotionState::ProgramStop => {
+                message.tell_of_stop(&*notice.text);
+            }
             _ => message.tell(&*notice.text),
         }) {
             self.program.modes.modal = modal;
@@ -87,7 +89,7 @@ impl Operator {
             }
             return;
         }
-        if setpoint.state != State::Running {
+        if setpoint.state != MotionState::Running {
             return;
         }
         match run.step {
@@ -300,7 +302,7 @@ impl Operator {
         // Once the program has left the stop, the code is dropped.
         let setpoint = &self.view.setpoint;
         let is_behind = command.is_done && setpoint.actions > command.stop;
-        if is_behind || setpoint.state == State::Running {
+        if is_behind || setpoint.state == MotionState::Running {
             run.command = None;
         }
         for text in lines {

@@ -1,7 +1,7 @@
 //! Excursions from a held program, and the return.
 
 use evolvent_control::JobResult;
-use evolvent_motion::{Excursion, ExcursionEnd, Setpoint, State, TransferExecutor};
+use evolvent_motion::{Excursion, ExcursionEnd, MotionState, Setpoint, TransferExecutor};
 use evolvent_trace::inputs as recorded;
 
 use super::jobs::result_of;
@@ -63,7 +63,7 @@ impl ServedParts {
         let plan = job.motion.step(&inputs, &mut job.queue);
         now.notes.input_bits |= input_bits(&inputs, &job.motion);
         now.plan_setpoint = Some(plan);
-        now.stops.at_stop = (plan.state == State::ProgramStop).then_some(plan.actions);
+        now.stops.at_stop = (plan.state == MotionState::ProgramStop).then_some(plan.actions);
         let (setpoint, ended) = excursion.step(&mut self.station, &mut self.driven, &plan);
         if let (Some(spindle), false) = (trouble, now.faulted) {
             self.report_once(now, CycleEvent::Spindle { sequence, spindle });
@@ -162,7 +162,7 @@ impl ServedParts {
         };
         let is_waiting = self.signals.as_ref().is_some_and(SignalLoop::is_waiting);
         // A resume may have been ordered just before.
-        let stands = now.inputs.hold || job.motion.state() == State::ProgramStop;
+        let stands = now.inputs.hold || job.motion.state() == MotionState::ProgramStop;
         if !stands || is_waiting {
             return None;
         }

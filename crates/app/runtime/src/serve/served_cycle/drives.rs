@@ -1,7 +1,7 @@
 //! The drives of a served machine: their positions, what is sent to them, and stops due to their alarms.
 
 use evolvent_bus::Feedback;
-use evolvent_drive::{Command, DriveAlarm, PowerRequest};
+use evolvent_drive::{DriveAlarm, DriveSetpoint, PowerRequest};
 use evolvent_motion::Setpoint;
 use evolvent_path::{Axes, AxisMask, Jet};
 
@@ -94,7 +94,7 @@ impl ServedParts {
         let (position, velocity) = corrected.map_or((setpoint.position, setpoint.velocity), |jet| {
             (jet.position, jet.first)
         });
-        let command = Command {
+        let command = DriveSetpoint {
             sequence: setpoint.sequence,
             position: Axes::into(position),
             velocity: Axes::into(velocity),

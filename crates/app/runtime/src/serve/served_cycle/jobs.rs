@@ -2,7 +2,7 @@
 
 use evolvent_control::JobResult;
 use evolvent_drive::PowerRequest;
-use evolvent_motion::{Setpoint, State, TransferExecutor};
+use evolvent_motion::{MotionState, Setpoint, TransferExecutor};
 use evolvent_trace::inputs as recorded;
 
 use super::{CycleState, ServedParts};
@@ -29,7 +29,11 @@ impl ServedParts {
         let mut work = std::mem::replace(&mut now.work, ActiveJob::None);
         let (mut setpoint, result) = match &mut work {
             ActiveJob::None => {
-                let state = if now.faulted { State::Fault } else { State::Idle };
+                let state = if now.faulted {
+                    MotionState::Fault
+                } else {
+                    MotionState::Idle
+                };
                 (self.station.rest(state), None)
             }
             ActiveJob::Follow(job) => match now.excursion.take() {
@@ -63,8 +67,8 @@ impl ServedParts {
                 work,
             });
         }
-        if now.faulted && matches!(setpoint.state, State::Stopped | State::Stopping) {
-            setpoint.state = State::Fault;
+        if now.faulted && matches!(setpoint.state, MotionState::Stopped | MotionState::Stopping) {
+            setpoint.state = MotionState::Fault;
         }
         if now.power_off_at_rest && now.is_idle() && self.station.is_at_rest() {
             now.power_off_at_rest = false;
@@ -113,10 +117,10 @@ impl ServedParts {
         }
         now.notes.turned = turning_output(&job.motion).and_then(|output| output.transition);
         now.notes.input_bits |= recorded::FOLLOWS | input_bits(&inputs, &job.motion);
-        now.stops.at_stop = (setpoint.state == State::ProgramStop).then_some(setpoint.actions);
+        now.stops.at_stop = (setpoint.state == MotionState::ProgramStop).then_some(setpoint.actions);
         self.station.follow(&job.motion, &setpoint);
-        if setpoint.state == State::Done && job.flags.has_failed() {
-            setpoint.state = State::Stopped;
+        if setpoint.state == MotionState::Done && job.flags.has_failed() {
+            setpoint.state = MotionState::Stopped;
         }
         if job.motion.is_stuck(&mut job.queue) {
             let sequence = setpoint.sequence;
@@ -154,9 +158,9 @@ impl ServedParts {
         }
         let setpoint = self.station.steer(steering);
         let result = match setpoint.state {
-            State::Done => Some(JobResult::Done),
-            State::Stopped if now.faulted => Some(JobResult::Fault),
-            State::Stopped => Some(JobResult::Stopped),
+            MotionState::Done => Some(JobResult::Done),
+            MotionState::Stopped if now.faulted => Some(JobResult::Fault),
+            MotionState::Stopped => Some(JobResult::Stopped),
             _ if self.station.is_quick_stopping() => Some(JobResult::Fault),
             _ => None,
         };
@@ -202,9 +206,9 @@ impl ServedParts {
 /// How a job along a plan has ended.
 pub(super) fn result_of(now: &CycleState, job: &Following, setpoint: &Setpoint) -> JobResult {
     match setpoint.state {
-        State::Fault => JobResult::Fault,
+        MotionState::Fault => JobResult::Fault,
         _ if now.faulted => JobResult::Fault,
-        State::Done => JobResult::Done,
+        MotionState::Done => JobResult::Done,
         _ if job.flags.has_failed() => JobResult::Failed,
         _ => JobResult::Stopped,
     }

@@ -6,7 +6,7 @@ use evolvent_counting::{CountingAllocator, calls};
 use evolvent_drive::{BridgeState, DriveState, WatchMode, WatchSettings};
 use evolvent_machine::{Machine, SignalKind, SignalSettings};
 use evolvent_path::Axes;
-use evolvent_signals::{Change, InputImage, Moment, Signals};
+use evolvent_signals::{InputImage, OutputChange, SignalMoment, Signals};
 use evolvent_transfer::{AxesState, Sync, Transfer};
 use rtrb::{Consumer, RingBuffer};
 
@@ -28,7 +28,7 @@ fn parts_at_home(
     let (events, cycle_events) = RingBuffer::new(4096);
     let (views, cycle_views) = RingBuffer::new(4096);
     let parts = ServedParts {
-        station: MachineState::new(limits, period_ns, limits.home),
+        station: SetpointGenerator::new(limits, period_ns, limits.home),
         limits,
         period_ns,
         orders,
@@ -183,7 +183,7 @@ fn an_open_chain_acts_without_the_control_thread() {
     inputs.push(image).unwrap();
     let mut to = limits.home;
     to[0] += 100.0;
-    let mut clamp = Change::at(Moment::Rest(0));
+    let mut clamp = OutputChange::at(SignalMoment::Rest(0));
     clamp.set_digital(0, false);
     for what in [
         CycleCommand::LeaveEstop,

@@ -14,7 +14,7 @@ use crate::execution::cycles::profile::{
 };
 use crate::execution::execute::{Executor, Request};
 use crate::state::machine_state::State;
-use crate::{Action, Code, Command, MoveKind, PathMode};
+use crate::{Action, CanonicalCommand, Code, MoveKind, PathMode};
 
 /// Maximum number of passes of a cycle, and of pieces of a profile.
 const MAX_MOVES: usize = 100_000;
@@ -464,7 +464,7 @@ fn push_cut(strokes: &mut Vec<Stroke>, piece: Piece, after_falling: bool) {
 /// The pieces of a profile from the moves of its subroutine, without the approach. `corners` lists the moves
 /// that end in a fillet or chamfer.
 pub(crate) fn profile_of(
-    commands: &[Command],
+    commands: &[CanonicalCommand],
     corners: &[(usize, Corner)],
     state: &State,
 ) -> Result<Vec<Piece>, ProfileFault> {

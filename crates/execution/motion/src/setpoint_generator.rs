@@ -8,7 +8,7 @@ use crate::guard::{Extremes, Guard, Violation};
 use crate::path_executor::{PathExecutor, feed_metric};
 use crate::quick_stop::QuickStop;
 use crate::setpoint::Setpoint;
-use crate::state::State;
+use crate::state::MotionState;
 use crate::transfer_executor::{TransferExecutor, fits};
 
 /// The machine across its jobs and between them: the number of the next setpoint, the memory of the guard,
@@ -18,7 +18,7 @@ use crate::transfer_executor::{TransferExecutor, fits};
 /// ended, so that the setpoints and the measurements of the guard continue without a jump. At rest there is
 /// also one setpoint per period. `Copy`; no method allocates.
 #[derive(Clone, Copy, Debug)]
-pub struct MachineState {
+pub struct SetpointGenerator {
     limits: Limits,
     period: f64,
     guard: Guard,
@@ -34,7 +34,7 @@ pub struct MachineState {
     quick_stop: Option<QuickStop>,
 }
 
-impl MachineState {
+impl SetpointGenerator {
     /// The state at rest at `position`.
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64, position: Axes) -> Self {
@@ -117,14 +117,14 @@ impl MachineState {
     }
 
     /// One setpoint at rest, or of axes that are stopping on their own.
-    pub fn rest(&mut self, state: State) -> Setpoint {
+    pub fn rest(&mut self, state: MotionState) -> Setpoint {
         if let Some(stop) = &mut self.quick_stop {
             let (jet, stands) = stop.advance_within(&self.guard, self.period);
             if stop.is_over() {
                 self.quick_stop = None;
             }
             let bits = if stands { flags::GUARD } else { 0 };
-            return self.publish(jet, State::Stopping, bits);
+            return self.publish(jet, MotionState::Stopping, bits);
         }
         let jet = Jet::at_rest(self.last.position);
         self.publish(jet, state, 0)
@@ -175,7 +175,7 @@ impl MachineState {
         if let Err(violation) = self.guard.check(&jet.position, false, steering.is_stopping()) {
             self.fault.get_or_insert(violation);
             self.emergency();
-            return self.rest(State::Fault);
+            return self.rest(MotionState::Fault);
         }
         self.publish(jet, state, 0)
     }
@@ -185,9 +185,9 @@ impl MachineState {
         if let Err(violation) = self.guard.check(&jet.position, joint, is_stopping) {
             self.fault.get_or_insert(violation);
             self.emergency();
-            return self.rest(State::Fault);
+            return self.rest(MotionState::Fault);
         }
-        self.publish_near(jet, State::Running, 0, joint)
+        self.publish_near(jet, MotionState::Running, 0, joint)
     }
 
     /// Sets the position at rest to `position`, which is close: the next setpoint is exactly there.
@@ -209,12 +209,12 @@ impl MachineState {
         self.quick_stop.is_none() && self.last.first == Axes::zeros() && self.last.second == Axes::zeros()
     }
 
-    fn publish(&mut self, jet: Jet, state: State, bits: u32) -> Setpoint {
+    fn publish(&mut self, jet: Jet, state: MotionState, bits: u32) -> Setpoint {
         self.publish_near(jet, state, bits, false)
     }
 
     /// `joint`: near a step of exact-path mode.
-    fn publish_near(&mut self, mut jet: Jet, state: State, bits: u32, joint: bool) -> Setpoint {
+    fn publish_near(&mut self, mut jet: Jet, state: MotionState, bits: u32, joint: bool) -> Setpoint {
         // The travel is the last limit: beyond it the only action left is to stand still.
         let mut bits = if joint { bits | flags::JOINT } else { bits };
         if self.guard.check_place(&jet.position).is_err() {
