@@ -186,7 +186,7 @@ pub(crate) enum Action {
     },
     /// Home axes, all if none is named, and wait for the end.
     ///
-    /// Axes without [[homing]] that have lost machine zero are declared to be at their home position: jog
+    /// Axes without `[[homing]]` that have lost machine zero are declared to be at their home position: jog
     /// them there first.
     Home {
         /// Letters, as in XYZ.

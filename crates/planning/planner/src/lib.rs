@@ -34,7 +34,7 @@
 //! - The classic planner, simpler and slower, the fallback. It replaces corners by quintic blends, or limits
 //!   the speed there. The axis limits become constants for `u'`, `u''` and `u'''` on every [`Run`],
 //!   consecutive segments with similar limits. On a run the motion is a jerk-limited
-//!   [`Profile`](evolvent_timing::Profile) in closed form; between runs acceleration is zero. The
+//!   [`Profile`] in closed form; between runs acceleration is zero. The
 //!   [`LookAhead`] gives every boundary the highest speed from which all that follows can be executed. The
 //!   cycle solves the profile of the run that it enters, and of the present run again after a hold or an
 //!   override.

@@ -53,7 +53,7 @@ use crate::{Action, CanonicalCommand, Code, Diagnostic, Origin, Settings, ToolTa
 const INTERRUPT_LINES: u64 = 1024;
 
 /// Interprets a program line by line, as commands are requested. Memory is bounded by the longest line and,
-/// for loops and subroutines, by [`ProgramLimits::max_body_bytes`].
+/// for loops and subroutines, by [`crate::ProgramLimits::max_body_bytes`].
 ///
 /// After an error the iterator continues with the next line; the modal state is that before the faulty line.
 /// So one pass finds many errors. Errors that likely follow from an earlier one alone are not reported, such

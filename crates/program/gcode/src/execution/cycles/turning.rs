@@ -40,7 +40,7 @@ pub enum TurningKind {
 /// to the final contour, in the passes that the load permits. Machine coordinates in mm; X is a radius. It
 /// starts and ends at `start`.
 ///
-/// The word Q1 requests it on a machine with a load channel ([`crate::Settings::load_channel`]). The consumer
+/// The word Q1 requests it on a machine with a load channel ([`crate::MachineFeatures::load_channel`]). The consumer
 /// has to return the tool to `start`, where the following moves start. Without a load channel, or without Q1,
 /// the cycle is output as plain [`Action::Move`]s in passes of `depth_mm`.
 #[derive(Clone, Copy, Debug, PartialEq)]
