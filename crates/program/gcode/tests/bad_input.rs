@@ -369,8 +369,8 @@ fn every_rendered_fault_shows_code_message_and_place() {
 fn every_code_is_listed_in_the_docs_with_its_meaning() {
     let mut text = String::from(
         "# Errors of programs\n\n\
-         The codes that `evolvent check` and a run give, in text and in JSON. A code never changes its \
-         meaning; new ones may come.\n\n| code | meaning |\n|---|---|\n",
+         The codes that `evolvent check` and a run report, in text and in JSON. A code never changes its \
+         meaning; new ones may be added.\n\n| code | meaning |\n|---|---|\n",
     );
     for code in Code::ALL {
         // Links of the library's documentation have no meaning here.
