@@ -20,7 +20,7 @@ const AIR_TURNS: f64 = 1.1;
 /// Revolutions after the last good reading after which the feed stops.
 const STAND_TURNS: f64 = 0.9;
 /// Time constants of the sensor over which the growth of a cut is extrapolated.
-const AHEAD_LAGS: f64 = 2.0;
+pub(crate) const AHEAD_LAGS: f64 = 2.0;
 /// Time constants of the sensor after which it shows the load of the present cut.
 const SHOWN_LAGS: f64 = 3.0;
 

@@ -1,6 +1,7 @@
 //! Backing off from a cut that is too deep.
 
 use crate::controller::TurningController;
+use crate::place_watch::CAUTION_MM;
 use crate::settings::PassDepth;
 use crate::state::{Reason, TurningState};
 use crate::tip_contact::Front;
@@ -14,8 +15,6 @@ const MIN_PART: f64 = 0.25;
 /// Hard spots up to this factor of the load count neither as higher stock in the number of passes, nor as a
 /// lost load at their end.
 pub(crate) const HARDEST: f64 = 1.35;
-/// Distance after the expected contact at which caution ends, mm.
-const CAUTION_MM: f64 = 1.5;
 
 impl TurningController {
     /// Deepest cut that is taken at once. With passes of least time, two passes are faster than a deeper cut.

@@ -9,7 +9,7 @@ use crate::job_constants::JobConstants;
 use crate::load_loss::LoadLoss;
 use crate::missing::SURE_MM;
 use crate::pass_plan::PassPlan;
-use crate::place_watch::PlaceWatch;
+use crate::place_watch::{CAUTION_MM, PlaceWatch};
 use crate::protection_state::ProtectionState;
 use crate::record::SizeRecord;
 use crate::return_path::ReturnPath;
@@ -19,8 +19,6 @@ use crate::tip_contact::{CutNow, Front, UnderTip};
 use crate::trail::Trail;
 use crate::watch::{LoadView, LoadWatch};
 
-/// Distance after the expected contact at which caution ends, mm.
-const CAUTION_MM: f64 = 1.5;
 /// Factor by which noise may raise a decaying load.
 const RESIDUE_NOISE: f64 = 1.15;
 /// Fraction of the smallest feed below which a chip gives no depth.

@@ -1,12 +1,12 @@
 //! Feeding: towards the stock, into it, and along it.
 
+use crate::adaptive::AHEAD_LAGS;
 use crate::controller::TurningController;
 use crate::missing::SURE_MM;
+use crate::place_watch::CAUTION_MM;
 use crate::settings::{OnThin, PassDepth};
 use crate::state::{Reason, TurningState};
 
-/// Time constants of the sensor over which the growth of a cut is extrapolated.
-const AHEAD_LAGS: f64 = 2.0;
 /// Fraction of the depth at full feed below which a position is thin.
 const THIN: f64 = 0.97;
 /// Maximum growth of a depth that counts as settled, as a fraction of the depth.
@@ -17,8 +17,6 @@ const KNOWN_REV: f64 = 1.5;
 const MIN_FREE_MM: f64 = 3.0;
 /// Time for which a growing depth must be too large before the tool backs off, s.
 const ENGAGE_CONFIRM_S: f64 = 0.005;
-/// Distance after the expected contact at which caution ends, mm.
-const CAUTION_MM: f64 = 1.5;
 /// Distance before known stock at which the feed is reduced, mm.
 const WATCH_MM: f64 = 0.5;
 /// Distance into known stock at which there must be a load, mm: the record has cells of finite width.

@@ -1,5 +1,8 @@
 //! Deep and thin positions, and the reactions of a job to them.
 
+/// Distance after the expected contact at which caution ends, mm.
+pub(crate) const CAUTION_MM: f64 = 1.5;
+
 /// Deep and thin positions of the present pass, and of the job.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct PlaceWatch {

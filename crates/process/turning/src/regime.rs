@@ -84,8 +84,8 @@ pub(crate) const SMALLEST_FEED: &str = "the smallest feed";
 pub enum RegimeError {
     /// The law is invalid.
     #[error(
-        "the force law needs a positive coefficient and exponents from 0.05 to 3, and has {coefficient}, \
-         {depth_exponent} and {feed_exponent}"
+        "the force law needs a positive coefficient and exponents above 0.05 and at most 3, and has \
+         {coefficient}, {depth_exponent} and {feed_exponent}"
     )]
     Law {
         /// Its coefficient.
