@@ -13,8 +13,8 @@ id: number,
  */
 command: number, 
 /**
- * `time_ns` of the newest status that the page had received when the operator pressed. Commands that do not stop are refused
- * where that is too old: what the operator saw is past.
+ * `time_ns` of the newest status that the page had received when the operator pressed. Commands that do
+ * not stop are refused where that is too old: what the operator saw is past.
  */
 seen_ns: number, 
 /**

@@ -27,7 +27,8 @@ number: number | null,
  */
 text: string, 
 /**
- * The same by code and fields, where it is the server that says it: the sentences of alarms and messages are of the core.
+ * The same by code and fields, where it is the server that says it: the sentences of alarms and messages
+ * are of the core.
  */
 fact: LogFact | null, 
 /**

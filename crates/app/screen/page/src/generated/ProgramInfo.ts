@@ -10,7 +10,8 @@ export type ProgramInfo = {
  */
 name: string, 
 /**
- * Number of its text, of uploads that of the upload: another one is another text, even of the same name and size.
+ * Number of its text, of uploads that of the upload: another one is another text, even of the same name
+ * and size.
  */
 upload: number, 
 /**

@@ -13,7 +13,8 @@ line: number,
  */
 modes: string, 
 /**
- * Where the program supposes the tool to be, machine coordinates in the order of the machine's axes: mm, degrees.
+ * Where the program supposes the tool to be, machine coordinates in the order of the machine's axes: mm,
+ * degrees.
  */
 position: Array<number>, 
 /**

@@ -2,7 +2,8 @@
 import type { SpindleStatus } from "./SpindleStatus";
 
 /**
- * The status by the names, units and meanings that its fields have on the bus; lists of axes are in the order XYZABCUVW.
+ * The status by the names, units and meanings that its fields have on the bus; lists of axes are in the
+ * order XYZABCUVW.
  */
 export type ScreenStatus = { 
 /**
