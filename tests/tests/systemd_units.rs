@@ -217,7 +217,7 @@ fn units_run_as_they_are_under_systemd() {
     );
     let status: serde_json::Value = serde_json::from_str(&read("status")).expect("a status");
     assert_eq!(status["position_machine"]["X"], 1.0, "{status}");
-    // A user without the right is told whose it is.
+    // A user without the right gets a message that names the owner.
     assert!(read("said").contains("user evolvent"), "{}", read("said"));
 }
 

@@ -29,14 +29,15 @@ const DEPTH_OF_ENTRY: f64 = 0.9;
 const HOLDER_MM: f64 = 0.3;
 
 impl TurningController {
-    /// Feeds at `wish`, within the limits of slew rate, preview, protection and override.
+    /// Feeds at the requested `wish`, within the limits of slew rate, preview, protection and override.
     pub(crate) fn drive(&mut self, wish: f64, factor: f64) {
         self.limit_feed(wish);
         let speed = self.settings.speed_mm_s(self.feed) * factor.min(1.0);
         self.along.aim(self.pass_end_mm(), speed);
     }
 
-    /// Moves the feed towards `wish` for one period, within the limits of slew rate, preview and protection.
+    /// Moves the feed towards the requested `wish` for one period, within the limits of slew rate, preview and
+    /// protection.
     pub(crate) fn limit_feed(&mut self, wish: f64) {
         let settings = &self.settings;
         let regime = &settings.regime;

@@ -21,7 +21,7 @@ pub(crate) struct PlaceWatch {
 }
 
 impl PlaceWatch {
-    /// The edge leaves the stock; the next position is considered anew.
+    /// The edge leaves the stock; the next position is considered again.
     pub(crate) fn leave(&mut self) {
         (self.deep_s, self.thin_from_mm) = (0.0, None);
     }
