@@ -3,8 +3,11 @@
 
 #![expect(clippy::expect_used, reason = "a test")]
 
+use std::ffi::CString;
 use std::net::{TcpListener, TcpStream, UdpSocket};
+use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::DirBuilderExt;
+use std::path::Path;
 use std::process::Command;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -194,6 +197,17 @@ fn threads_of_a_bridge_can_do_nothing_but_their_work() {
     }
 }
 
+/// Exchanges two folders in one step: a bridge that looked between a removal and a new folder would report that
+/// there is none.
+fn exchange(one: &Path, other: &Path) {
+    let name = |path: &Path| CString::new(path.as_os_str().as_bytes()).expect("a path without a zero");
+    let (one, other) = (name(one), name(other));
+    let here = libc::AT_FDCWD;
+    // SAFETY: both names end in a zero and outlive the call.
+    let result = unsafe { libc::renameat2(here, one.as_ptr(), here, other.as_ptr(), libc::RENAME_EXCHANGE) };
+    assert_eq!(result, 0, "{}", std::io::Error::last_os_error());
+}
+
 /// A bridge cannot access a folder that replaces the one it may use: it reports this and ends, and does not
 /// wait without end for a core that it cannot see.
 #[test]
@@ -244,11 +258,12 @@ fn a_folder_that_is_made_again_ends_the_bridge() {
         }
         // By now it is looking for its core.
         std::thread::sleep(Duration::from_millis(200));
-        std::fs::rename(&folder, folder.with_extension("old")).expect("to move it");
+        let other = folder.with_extension("other");
         std::fs::DirBuilder::new()
             .mode(0o700)
-            .create(&folder)
+            .create(&other)
             .expect("another");
+        exchange(&folder, &other);
         bridge.join().expect("no panic")
     });
     assert!(matches!(result, Err(BridgeError::Folder { .. })), "{result:?}");
