@@ -345,12 +345,14 @@ impl Slowdown {
                 (self.second, self.left, self.phase) = (second, seconds, Phase::Landing);
                 return;
             }
-            // The value that leaves as much as a landing of one step needs.
-            let half = (self.target - from.rate) / (TRIAL_S * TRIAL_S) - 1.5 * from.first / TRIAL_S;
-            let between = (half - most) * (half - recovery) < 0.0;
-            if between && follower.outlook(from, begin, half, TRIAL_S) == Outlook::Safe {
-                (self.second, self.left) = (half, TRIAL_S);
-                safe = half;
+            // The value after which a recovery of one step ends at the target. From rates near it, each of
+            // the values below passes it.
+            let off = self.target - from.rate - from.first * (TRIAL_S + 0.5 * STEP_S);
+            let exact = 2.0 * off / (TRIAL_S * (TRIAL_S + STEP_S));
+            let between = (exact - most) * (exact - recovery) < 0.0;
+            if between && follower.outlook(from, begin, exact, TRIAL_S) == Outlook::Safe {
+                (self.second, self.left) = (exact, TRIAL_S);
+                safe = exact;
             }
         }
         for _ in 0..TRIALS {
@@ -556,6 +558,27 @@ mod tests {
             let found = between(&sample(0.0), &sample(1.0), t, 3);
             assert!((found.third[2] - sample(t).third[2]).abs() < 1e-12, "{found:?}");
             assert!((found.second[0] - sample(t).second[0]).abs() < 1e-12, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_stop_from_any_constant_rate_ends() {
+        let rates = (0..=160).map(|k| 10.0_f64.powf(-0.05 * f64::from(k)));
+        for (v, rate) in [250.0, 19.0, 3.0, 0.5]
+            .into_iter()
+            .flat_map(|v| rates.clone().map(move |rate| (v, rate)))
+        {
+            let mut plan = cruise(v, 2.0);
+            let mut slowdown = Slowdown::new(0.0);
+            slowdown.settle(rate);
+            // As by `lead_to` from another target.
+            (slowdown.phase, slowdown.left) = (Phase::Changing, 0.0);
+            let (seconds, _) = drive(&mut slowdown, v, &mut plan, Slowdown::is_at_rest);
+            let least = 2.0 * (v * rate / J).sqrt().max(v * rate / A);
+            assert!(
+                seconds < 1.2 * least + 0.014,
+                "{v} mm/s at {rate}: {seconds} of {least}"
+            );
         }
     }
 

@@ -6,6 +6,7 @@ use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, Setpoint};
 use evolvent_path::{Arc, Axes, Curve, Line, Move, MoveKind, PathMode, Plane, Sense};
 use evolvent_planner::Step;
+use evolvent_random::{Random, cases};
 
 use crate::common::{BLEND, Pair, Scenario, check, equal_axes};
 
@@ -120,6 +121,36 @@ fn the_feed_is_exact_to_1e_3_at_overrides_up_to_2() {
         }
     }
     assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+/// The feed per revolution follows a spindle that slows down, and the run is stopped at some moment of it.
+#[test]
+fn a_stop_while_the_feed_decays_comes_to_rest() {
+    let mut random = Random::mixed(40);
+    let scenarios = [("line", line()), ("circles", circles()), ("wave", wave())];
+    for number in 0..cases(60) {
+        let (name, scenario) = &scenarios[number % 3];
+        let (per_cycle, begin) = (random.between(0.9, 0.999), 300);
+        let stop = begin + random.below(1500) as u64;
+        let mut pair = Pair::new(scenario);
+        let mut out = Vec::new();
+        while !pair.motion.is_over() {
+            pair.plan_ahead(scenario);
+            let cycle = out.len() as u64;
+            out.push(pair.step(&Inputs {
+                feed_override: per_cycle.powf(cycle.saturating_sub(begin) as f64),
+                stop: cycle >= stop,
+                ..Inputs::default()
+            }));
+            // From 30 mm/s the jerk-limited stop takes 49 ms.
+            assert!(
+                cycle < stop + 75,
+                "{name}, {per_cycle} a cycle, stopped at {stop}: {:?}",
+                out.last()
+            );
+        }
+        check(scenario, &out, &pair.motion, 0.02, name);
+    }
 }
 
 /// A feed of zero only prevents motion; steps of the program at rest take effect when they are reached.
