@@ -5,6 +5,7 @@
 use std::sync::Mutex;
 use std::time::Instant;
 
+use evolvent_replay::verify;
 use evolvent_tests::{Domain, Drives, Operator, Random, Served, Workshop, command, unless_disturbed};
 
 const FAULT: u32 = 4;
@@ -25,6 +26,13 @@ const KINDS: [(&str, &str, &[u32]); 9] = [
     ("nan", ":X", &[404]),
 ];
 
+/// An output that the program switches on and a fault switches off.
+const LAMP: &str = "
+[[output]]
+name = \"lamp\"
+number = 1
+";
+
 /// One fault, this number of seconds after the drives became operational, during a motion of both axes.
 /// Returns what was observed.
 fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -> String {
@@ -43,7 +51,12 @@ fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -
             ),
         ],
     );
-    let served = Served::start(&file, &name, &domain, &workshop.path("state"), &["--rate", "500"]);
+    let text = std::fs::read_to_string(&file).expect("a machine file");
+    let file = workshop.write("machine.toml", text + LAMP);
+    let trace = workshop.path("session.mcap");
+    let trace_option = trace.display().to_string();
+    let options = ["--rate", "500", "--trace", &trace_option];
+    let served = Served::start(&file, &name, &domain, &workshop.path("state"), &options);
     let fault = format!("{kind}@{moment:.3}{axis}");
     let options = ["--bridge-cycles", "50", "--fault", &fault];
     let drives = Drives::start(&file, &domain, &options);
@@ -52,7 +65,7 @@ fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -
     operator.brings_up();
     let on = Instant::now();
     operator.says_number("MODE", 2);
-    let job = operator.says_text("MDI", "G1 X200 Y100 F2400").job;
+    let job = operator.says_text("MDI", "M64 P1 G1 X200 Y100 F2400").job;
     let status = operator.waits(&fault, |status| status.alarm_count > 0);
     let after = on.elapsed().as_secs_f64();
     assert!(
@@ -70,6 +83,9 @@ fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -
     assert_eq!(operator.ask(&command("ON")).alarm, 918, "{fault}");
     drop((operator, drives));
     served.end().expect_code(&[0, 3]);
+    // The lamp goes off in the cycle that finds the fault.
+    let again = verify(&trace).expect("a readable trace");
+    assert!(again.missing > 0 || again.holds(), "{fault}: {again:?}");
     format!("{fault}: alarm {} after {after:.2} s", status.listed_alarms()[0])
 }
 

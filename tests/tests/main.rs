@@ -36,6 +36,7 @@ mod operate_service;
 mod operator_messages;
 mod power_cycles;
 mod probing;
+mod random_faults;
 mod real_programs;
 mod same_bits;
 mod screen_page;

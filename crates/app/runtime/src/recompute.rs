@@ -45,6 +45,8 @@ pub struct RecordedInputs {
     pub lag: PlannerLag,
     /// Whether the run continued after the end of its program, for a spindle that slowed down.
     pub runs_on: bool,
+    /// Whether a fault had set the outputs to their safe values.
+    pub outputs_safe: bool,
 }
 
 /// Result of recomputing a run.
@@ -221,6 +223,7 @@ impl<'a> CycleReplay<'a> {
             mut inputs,
             lag,
             runs_on,
+            ..
         } = recorded;
         if self.runs_on
             && let Some(last) = self.last

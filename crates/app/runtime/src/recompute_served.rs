@@ -343,7 +343,7 @@ impl ServedAgain {
                     shown.state = MotionState::Stopped;
                 }
                 let has_changed = match &mut self.signals {
-                    Some(signals) => signals.step(&shown, true),
+                    Some(signals) => signals.step(&shown, !recorded.outputs_safe),
                     None => false,
                 };
                 job.motion.note_driven(&mut self.driven, &setpoint, has_changed);
@@ -385,7 +385,7 @@ impl ServedAgain {
             drop(excursion.take_spent());
         }
         if let Some(signals) = &mut self.signals {
-            let _has_changed = signals.step(&plan, true);
+            let _has_changed = signals.step(&plan, !recorded.outputs_safe);
         }
         if job.motion.is_over() || ended == Some(ExcursionEnd::Fault) {
             self.finish();

@@ -118,9 +118,9 @@ impl SignalReplay {
         let _was_over = self.signals.take_resume();
     }
 
-    /// After a setpoint. `is_of_program`: it belongs to a program, whose outputs are compared. Returns
-    /// whether an output had changed when it was recorded.
-    pub(crate) fn step(&mut self, setpoint: &Setpoint, is_of_program: bool) -> bool {
+    /// After a setpoint. `are_programmed`: the outputs are those of a program, and are compared; those that a
+    /// fault made safe are not. Returns whether an output had changed when it was recorded.
+    pub(crate) fn step(&mut self, setpoint: &Setpoint, are_programmed: bool) -> bool {
         let sequence = setpoint.sequence;
         let mut has_changed = false;
         while let Some(change) = pop_due(&mut self.outputs, sequence) {
@@ -129,8 +129,8 @@ impl SignalReplay {
                 self.recorded.set(kind, number, change.value.unwrap_or(0.0));
             }
         }
-        // Outputs made safe by a fault do not depend on the program.
-        if !is_of_program || setpoint.state == MotionState::Fault {
+        // In traces of version 0.2 only the state tells of a fault, one cycle later.
+        if !are_programmed || setpoint.state == MotionState::Fault {
             return has_changed;
         }
         let phase: Phase = phase_of(setpoint.state);

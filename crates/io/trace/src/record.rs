@@ -74,6 +74,8 @@ pub mod inputs {
     pub const STEERING_STOPS: u32 = 1024;
     /// Run: the program had ended, and the run continued at rest while a spindle slowed down.
     pub const RUNS_ON: u32 = 2048;
+    /// Served machine: with [`FOLLOWS`], a fault had set the outputs to their safe values.
+    pub const OUTPUTS_SAFE: u32 = 4096;
     /// With [`WAITED`], bits 16 to 23 are the number, within the cycle, of the access to the plan that found
     /// nothing; from 0.
     pub const FAILED_LOOK_SHIFT: u32 = 16;

@@ -133,6 +133,7 @@ fn compute(again: &Again<'_>, records: &mut Records, verified: &mut Verified) ->
                     inputs: last.get(),
                     lag: PlannerLag::default(),
                     runs_on: runs_on.get(),
+                    outputs_safe: false,
                 },
             })
         },
@@ -241,5 +242,6 @@ pub(super) fn recorded_inputs(record: &CycleRecord, load: Option<LoadSample>) ->
             refused: record.inputs & bits::REFUSED != 0,
         },
         runs_on: record.inputs & bits::RUNS_ON != 0,
+        outputs_safe: record.inputs & bits::OUTPUTS_SAFE != 0,
     }
 }

@@ -65,12 +65,13 @@ impl ServedParts {
     }
 
     /// Sets the outputs that take effect with a setpoint. Returns whether one has changed.
-    pub(super) fn set_outputs(&mut self, now: &CycleState, setpoint: &Setpoint) -> bool {
+    pub(super) fn set_outputs(&mut self, now: &mut CycleState, setpoint: &Setpoint) -> bool {
         let Some(signals) = &mut self.signals else {
             return false;
         };
         let is_of_program = now.notes.input_bits & recorded::FOLLOWS != 0;
         let phase = if now.is_estop || now.faulted || now.drive.power == PowerRequest::QuickStop {
+            now.notes.input_bits |= recorded::OUTPUTS_SAFE;
             Phase::Fault
         } else if is_of_program {
             phase_of(setpoint.state)
