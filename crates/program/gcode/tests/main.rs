@@ -21,6 +21,7 @@ mod o_words;
 mod probing_cycles;
 mod programs;
 mod random;
+mod random_tools;
 mod reference;
 mod saved_modes;
 mod spindles;
