@@ -228,14 +228,17 @@ impl ServedParts {
         if !now.is_idle() || !self.station.is_at_rest() {
             return;
         }
-        if self.station.position() != position {
+        // The sign of a zero is kept: only a recorded change may change a bit of the setpoints.
+        let mut here = self.station.position();
+        if here != position {
+            here = position;
             now.relocated = true;
             if let Some(corrections) = &mut self.corrections {
                 corrections.relocate(&position);
             }
         }
         self.limits = limits;
-        self.station.relocate(limits, position);
+        self.station.relocate(limits, here);
         now.drive.datum += u64::from(renames);
     }
 }

@@ -484,3 +484,26 @@ fn an_emergency_or_a_fault_takes_a_waiting_on_back() {
         }
     }
 }
+
+/// The trace has no record of such a change, so the recomputed setpoints would differ in it.
+#[test]
+fn a_relocation_to_the_same_position_changes_no_bit() {
+    let mut trial = PowerTrial::new();
+    trial.run(1);
+    let limits = trial.cycle.parts.limits;
+    for (id, (zero, kept)) in [(-1.0, -1.0), (0.0, 0.0), (-0.0, 0.0)].into_iter().enumerate() {
+        let mut position = limits.home;
+        position[1] = zero;
+        trial.order(
+            id as u64,
+            CycleCommand::Relocate {
+                position,
+                limits,
+                renames: false,
+            },
+        );
+        trial.run(1);
+        let found = trial.cycle.parts.station.position()[1];
+        assert_eq!(found.to_bits(), f64::to_bits(kept), "{zero}: {found}");
+    }
+}
