@@ -1,4 +1,5 @@
-//! Random programs that probe, change tools and cut by G95 and G96, on a served machine with simulated drives.
+//! Random programs that probe, change tools, tap and cut by G95 and G96, on a served machine with simulated
+//! drives.
 //! At a random moment one part fails (the probe, the tool changer, the spindle, a drive, the bridge), or
 //! somebody holds or stops. Every published setpoint keeps the limits, the machine stops, the alarm names the
 //! cause, the trace is recomputed bit for bit, and the next job works.
@@ -12,16 +13,18 @@
     reason = "helpers of tests fail and talk as tests do"
 )]
 
-use std::fmt::Write as _;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{Status, switches};
-use evolvent_random::{Random, cases, seed, seed_of_time};
+use evolvent_random::{cases, seed, seed_of_time};
 use evolvent_replay::verify;
 use evolvent_tests::{Cycle, Domain, Drives, Operator, Served, Workshop, command, unless_disturbed};
 use evolvent_trace::TraceFile;
 
+mod case;
+
+use self::case::{Case, Trouble};
 use crate::shop::{AUTO, DONE, HELD, Shop, keeps_limits};
 
 /// Cases of a run without `EVOLVENT_CASES`, and machines beside each other.
@@ -32,9 +35,6 @@ const FAILED: u32 = 3;
 const FAULT: u32 = 4;
 const MANUAL: u32 = 1;
 const MDI: u32 = 2;
-/// Alarms that may accompany any other: a tool change that was broken off, and axes that must be homed.
-const CHANGE_BROKEN_OFF: u32 = 103;
-const ZERO_MAY_HAVE_MOVED: u32 = 418;
 /// Maximum number of cycles of 1 ms of a stop. From 500 mm/s with 5 m/s2 and 200 m/s3 an axis stops in 100 +
 /// 25 ms; on the path it takes at most twice that, where the axes have to keep to a corner.
 const STOP_CYCLES: u64 = 250;
@@ -61,6 +61,8 @@ number = 1
 [[spindle]]
 max_rpm = 6000
 feedback = true
+reverse = true
+acceleration_rpm_s = 2500
 at_speed_timeout_s = 4
 ";
 
@@ -76,221 +78,6 @@ M66 P1 L4 Q1
 G53 G0 X0
 o<toolchange> endsub
 ";
-
-/// The fault of a case.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Trouble {
-    Nothing,
-    /// A hold, then a resume.
-    Hold,
-    Stop,
-    EmergencyStop,
-    /// The probe makes contact much earlier than expected.
-    ProbeEarly,
-    /// The probe is tripped before it moves.
-    ProbeTripped,
-    /// The probe never trips.
-    ProbeStuck,
-    /// The bridge stops reporting the probe.
-    ProbeLost,
-    /// The signal of the tool changer does not come, or the operator does not confirm the tool.
-    ChangerSilent,
-    /// A fault of `bridge sim`, and the alarms that may name it.
-    Bridge(&'static str, &'static [u32]),
-    /// SIGKILL to the bridge; then another bridge.
-    BridgeKilled,
-}
-
-const TROUBLES: [Trouble; 22] = [
-    Trouble::Nothing,
-    Trouble::Hold,
-    Trouble::Hold,
-    Trouble::Stop,
-    Trouble::Stop,
-    Trouble::EmergencyStop,
-    Trouble::ProbeEarly,
-    Trouble::ProbeTripped,
-    Trouble::ProbeStuck,
-    Trouble::ProbeLost,
-    Trouble::ChangerSilent,
-    Trouble::Bridge("spindle-fault", &[440]),
-    Trouble::Bridge("spindle-silent", &[440, 100]),
-    Trouble::Bridge("spindle-stall", &[440, 100]),
-    Trouble::Bridge("spindle-slow", &[440, 100]),
-    Trouble::Bridge("silent", &[401]),
-    Trouble::Bridge("frozen", &[402]),
-    Trouble::Bridge("fault:Y", &[406]),
-    Trouble::Bridge("off:X", &[407]),
-    Trouble::Bridge("jump:X", &[409]),
-    Trouble::BridgeKilled,
-    Trouble::BridgeKilled,
-];
-
-impl Trouble {
-    /// The alarms that may name the fault.
-    fn alarms(self) -> &'static [u32] {
-        match self {
-            Self::Nothing | Self::Hold | Self::Stop | Self::EmergencyStop | Self::ProbeEarly => &[],
-            Self::ProbeTripped | Self::ProbeStuck | Self::ProbeLost | Self::ChangerSilent => &[100],
-            Self::Bridge(_, alarms) => alarms,
-            // Silence, another bridge under power, or drives without power.
-            Self::BridgeKilled => &[401, 405, 407, 408, 412, 413],
-        }
-    }
-
-    /// A word that the alarm's sentence contains.
-    fn word(self) -> &'static str {
-        match self {
-            Self::ProbeTripped => "tripped",
-            Self::ProbeStuck => "without contact",
-            Self::ProbeLost => "probe",
-            Self::ChangerSilent => "drawbar",
-            Self::Bridge(name, _) if name.starts_with("spindle") => "spindle",
-            Self::Bridge("fault:Y", _) => "Y",
-            Self::Bridge("off:X" | "jump:X", _) => "X",
-            _ => "",
-        }
-    }
-}
-
-/// A program and its fault.
-#[derive(Clone, Debug)]
-struct Case {
-    seed: u64,
-    program: String,
-    probes: bool,
-    changes: bool,
-    cuts: bool,
-    is_operator: bool,
-    trouble: Trouble,
-    /// Time of the fault, s after START; for a fault of the bridge, after its drives came into operation.
-    moment_s: f64,
-    pause_s: f64,
-    surface: f64,
-}
-
-impl Case {
-    fn new(seed: u64) -> Self {
-        let mut random = Random::mixed(seed);
-        let mut case = Self {
-            seed,
-            program: "G21 G90 G94 G54 G64 P0.01\nG53 G0 Z0\n".to_owned(),
-            probes: false,
-            changes: false,
-            cuts: false,
-            is_operator: random.below(3) == 0,
-            trouble: *random.one_of(&TROUBLES),
-            moment_s: random.between(0.05, 5.0),
-            pause_s: random.between(0.05, 1.0),
-            surface: random.between(-9.0, -5.0),
-        };
-        let parts = 2 + random.below(3);
-        for part in 0..parts {
-            // The part that fails comes first.
-            let kind = match (part, case.trouble) {
-                (
-                    0,
-                    Trouble::ProbeTripped | Trouble::ProbeStuck | Trouble::ProbeLost | Trouble::ProbeEarly,
-                ) => 0,
-                (0, Trouble::ChangerSilent) => 1,
-                (0, Trouble::Bridge(name, _)) if name.starts_with("spindle") => 2,
-                _ => random.below(3),
-            };
-            match kind {
-                0 => case.add_probing(&mut random),
-                1 => case.add_change(&mut random, part),
-                _ => case.add_cut(&mut random),
-            }
-        }
-        case.program += "G0 X2 Y2\nM2\n";
-        case
-    }
-
-    fn add_probing(&mut self, random: &mut Random) {
-        self.probes = true;
-        let [fast, slow] = [random.between(150.0, 900.0), random.between(60.0, 200.0)];
-        let _written = writeln!(
-            self.program,
-            "G53 G0 Z0\nG0 X{:.1} Y{:.1}\nG0 Z-1\nG38.2 Z-12 F{fast:.0}\nG0 Z[#5063 + 1]\n\
-             G38.2 Z-12 F{slow:.0}\nG53 G0 Z0",
-            random.between(-20.0, 20.0),
-            random.between(-20.0, 20.0),
-        );
-    }
-
-    fn add_change(&mut self, random: &mut Random, part: usize) {
-        self.changes = true;
-        // Another tool each time: for the tool in the spindle nobody is asked.
-        let tool = 2 + part + if part == 0 { 0 } else { random.below(2) };
-        let _written = writeln!(self.program, "G53 G0 Z0\nT{tool} M6\nG43 G0 X3");
-        self.program += "G49\n";
-    }
-
-    fn add_cut(&mut self, random: &mut Random) {
-        self.cuts = true;
-        let x = random.between(15.0, 30.0);
-        let _written = writeln!(
-            self.program,
-            "G0 X{x:.2} Y0\nG96 S{:.0} D{:.0} M3\nG95 F{:.2}\nG1 X{:.2} Z-2",
-            random.between(60.0, 200.0),
-            random.between(900.0, 3000.0),
-            random.between(0.3, 2.0),
-            x + random.between(5.0, 30.0),
-        );
-        if random.below(2) == 0 {
-            let _written = writeln!(self.program, "G1 X{x:.2} Y{:.2}", random.between(-10.0, 10.0));
-        }
-        self.program += "G94 G97 S500 M5\nG53 G0 Z0\n";
-    }
-
-    /// Options of the first bridge.
-    fn options(&self) -> Vec<String> {
-        let surface = match self.trouble {
-            Trouble::ProbeEarly => -1.3,
-            Trouble::ProbeTripped => -0.5,
-            Trouble::ProbeStuck => -300.0,
-            _ => self.surface,
-        };
-        let mut probe = format!("plane:Z<{surface:.3}");
-        if self.trouble == Trouble::ProbeLost {
-            // Counted from the start of the bridge if no contact comes first, so after power.
-            let _written = write!(probe, ";lost={:.0}", 1000.0 * self.moment_s.min(1.5));
-        }
-        let mut options = vec![
-            "--probe".to_owned(),
-            probe,
-            "--spindle-acceleration".to_owned(),
-            "3000".to_owned(),
-        ];
-        if self.trouble != Trouble::ChangerSilent {
-            options.push("--loopback".to_owned());
-        }
-        if let Trouble::Bridge(name, _) = self.trouble {
-            let (kind, axis) = name
-                .split_once(':')
-                .map_or((name, String::new()), |(kind, axis)| (kind, format!(":{axis}")));
-            options.push("--fault".to_owned());
-            options.push(format!("{kind}@{:.3}{axis}", 0.5 + self.moment_s));
-        }
-        options
-    }
-
-    fn healthy(&self) -> Vec<String> {
-        let healthy = Self {
-            trouble: Trouble::Nothing,
-            ..self.clone()
-        };
-        healthy.options()
-    }
-
-    /// Whether the fault may raise this alarm.
-    fn permits(&self, alarm: u32) -> bool {
-        self.trouble.alarms().contains(&alarm)
-            || self.changes && alarm == CHANGE_BROKEN_OFF
-            || alarm == ZERO_MAY_HAVE_MOVED
-            || alarm == 0
-    }
-}
 
 /// The machine of a case.
 struct Plant {
@@ -398,7 +185,7 @@ impl Plant {
                 std::thread::sleep(Duration::from_secs_f64(self.case.pause_s));
                 let status = self.operator.now();
                 assert!(
-                    rests(&status) || self.case.pause_s < 0.4,
+                    rests(&status) || self.case.pause_s < 0.4 || self.case.taps,
                     "no rest {} s after HOLD",
                     self.case.pause_s
                 );
@@ -644,11 +431,14 @@ fn play(case: &Case) -> String {
     let cycles = recorded(&shop, served);
     drop(drives);
     keeps_limits(&shop, &cycles);
-    comes_to_rest(&cycles, &stops);
+    if !case.taps {
+        comes_to_rest(&cycles, &stops);
+    }
     let words = [
         (case.probes, "probe"),
         (case.changes, "change"),
         (case.cuts, "cut"),
+        (case.taps, "tap"),
     ];
     let parts: Vec<&str> = words
         .into_iter()
