@@ -11,6 +11,25 @@
 //! A case starts the bridge through [`BridgeUnderTest`], runs a correct or faulty core against it, and judges
 //! by the feedback and the inputs alone. [`CASES`] lists all cases; [`run_case`] runs one on its own bus.
 //!
+//! The simulated bridge on a thread of this process: a case that kills the bridge is left out.
+//!
+//! ```
+//! use evolvent_bridge_test::{CASES, Outcome, Stage, ThreadBridge, run_case};
+//!
+//! let mut stage = Stage {
+//!     bridge: &mut ThreadBridge::simulated(),
+//!     machine_name: "example".to_owned(),
+//!     prefix: format!("example{}_", std::process::id()),
+//!     core_program: None,
+//!     seed: 1,
+//!     moments: 1,
+//!     parts: &[],
+//!     stop: std::sync::Arc::default(),
+//! };
+//! let case = CASES.iter().find(|case| case.name == "bridge_kill").unwrap();
+//! assert!(matches!(run_case(case, &mut stage), Ok(Outcome::LeftOut(_))));
+//! ```
+//!
 //! [`ProcessBridge`] runs any command. `evolvent bridge test -- COMMAND` runs the suite against it.
 //! [`ThreadBridge`] runs the simulated bridge or another one in this process; it cannot be killed, so cases
 //! with a kill are left out.
