@@ -17,7 +17,30 @@
 //! close to the motion as well, so that nothing is left out.
 //!
 //! A [`Verdict`] has the worst value of every kind with its position; [`Verdict::violations`] lists the
-//! violations.
+//! violations. A motion that keeps to the path, but starts at 10 mm/s within one period of 1 ms, has twice the
+//! permitted acceleration:
+//!
+//! ```
+//! use evolvent_verifier::{Allowances, Judge, Kind, Route};
+//! # use evolvent_machine::Machine;
+//! # let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../config/machines/mill-3axis.toml");
+//! # let machine = Machine::load(file.as_ref())?;
+//!
+//! let program = "G21 G90 G61\nG1 X1 F600\nM2\n".as_bytes();
+//! let route = Route::read(program, evolvent_gcode::Settings::default(), &machine)?;
+//! let mut judge = Judge::new(&machine, 1_000_000, &route);
+//! let mut position = evolvent_path::Axes::zeros();
+//! for setpoint in 1..=100 {
+//!     position[0] = 0.01 * f64::from(setpoint);
+//!     judge.sample(&position);
+//! }
+//! let verdict = judge.finish();
+//! assert!(verdict.deviation_mm.value < 1e-9);
+//! assert!((verdict.acceleration.value - 2.0).abs() < 1e-6, "X: 10 of 5 m/s2");
+//! let violations = verdict.violations(&Allowances::default());
+//! assert!(violations.iter().any(|violation| violation.kind == Kind::Acceleration));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 //!
 //! Curves are evaluated independently from their geometry, without any code of the planner, so that a mistake
 //! there is not repeated here. [`suite`] writes the programs on which planners are compared.
