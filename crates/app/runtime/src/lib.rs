@@ -16,6 +16,34 @@
 //! atomic that is read once per cycle. In real time an item that does not fit into a queue is dropped and
 //! counted. With the virtual clock the cycle waits, because its time is not real.
 //!
+//! A program of one move with the virtual clock. `Silent` is a [`RunObserver`] that ignores every report.
+//!
+//! ```
+//! use evolvent_runtime::{Controls, Job, Outcome, Setup, run};
+//! # use evolvent_machine::Machine;
+//! # use evolvent_runtime::{Notice, RunObserver};
+//! # struct Silent;
+//! # impl RunObserver for Silent {
+//! #     fn progress(&mut self, _: &Controls) {}
+//! #     fn notice(&mut self, _: &Notice) {}
+//! #     fn note(&mut self, _: &str) {}
+//! # }
+//! # let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../config/machines/mill-3axis.toml");
+//! # let file = std::path::PathBuf::from(file);
+//!
+//! let folder = tempfile::tempdir()?;
+//! let program = folder.path().join("line.ngc");
+//! std::fs::write(&program, "G21 G90\nG1 X10 F600\nM2\n")?;
+//! let text = std::fs::read_to_string(&file)?;
+//! let setup = Setup::new(Machine::load(&file)?, file, text, None)?;
+//! let controls = std::sync::Arc::new(Controls::new(1.0));
+//! let summary = run(&Job::new(program, setup), &controls, &mut Silent, |_| {})?.summary;
+//! assert_eq!(summary.outcome, Outcome::Done);
+//! // 600 mm/min
+//! assert!((summary.max_velocity_mm_s[0] - 10.0).abs() < 0.1);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! [`examine`] assesses the host for real-time use.
 
 mod check;
