@@ -26,7 +26,7 @@
 //!     let now_ns = sequence * settings.period_ns;
 //!     // The axes are at rest at 0, and the core requests power.
 //!     let setpoint =
-//!         Setpoint { sequence, due_time_ns: now_ns, axes_mask: 0b11, power_request: 1, ..Setpoint::default() };
+//!         Setpoint { sequence, due_time_ns: now_ns, power_request: 1, ..Setpoint::default() };
 //!     bridge.offer(now_ns, &setpoint);
 //!     error_codes.extend(bridge.step(now_ns).map(|feedback| feedback.error_code));
 //! }

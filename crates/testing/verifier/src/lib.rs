@@ -17,7 +17,7 @@
 //! close to the motion as well, so that nothing is left out.
 //!
 //! A [`Verdict`] has the worst value of every kind with its position; [`Verdict::violations`] lists the
-//! violations. A motion that keeps to the path, but starts at 10 mm/s within one period of 1 ms, has twice the
+//! violations. A motion that keeps to the path, but reaches 10 mm/s within one period of 1 ms, has twice the
 //! permitted acceleration:
 //!
 //! ```
