@@ -14,7 +14,8 @@
 //! assert_eq!(other.log(0.1, 1000.0), speed_mm_s);
 //! ```
 //!
-//! The crate has no dependencies, so that every crate can use it in its tests. The product does not use it.
+//! The crate has no dependencies, so that every crate can use it in its tests. The product uses it only
+//! through `evolvent-bridge-test` and `evolvent-verifier`.
 
 use std::str::FromStr;
 use std::time::{SystemTime, UNIX_EPOCH};
