@@ -9,8 +9,8 @@
 //!
 //! Publisher and recorder exist only with a bus and a trace. In real time there are two more: `carrier`,
 //! which carries out user-defined M codes, and `stops`, which computes the longest stop for the status (with
-//! the bus and the time-optimal planner). A program that writes files adds the thread `log`. [`serve`] has
-//! further threads; the architecture page of the documentation lists them.
+//! the bus and the time-optimal planner). A trace adds `trace-sync`, a program that writes files adds `log`.
+//! [`serve`] has further threads; the architecture page of the documentation lists them.
 //!
 //! The cycle owns nothing that can block it. [`Controls`] passes hold, override and stop to it, each as an
 //! atomic that is read once per cycle. In real time an item that does not fit into a queue is dropped and
