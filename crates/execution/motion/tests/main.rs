@@ -18,6 +18,7 @@ mod planner_allocation;
 mod probing;
 mod regressions;
 mod requests;
+mod rests;
 mod served_machine;
 mod slow_planner;
 mod synchronised;
