@@ -38,6 +38,7 @@ mod power_cycles;
 mod probing;
 mod random_faults;
 mod real_programs;
+mod run_status;
 mod same_bits;
 mod screen_page;
 mod screen_server;

@@ -3,11 +3,13 @@
 use std::sync::Arc;
 
 use evolvent_bus::{EventKind, Feedback, Setpoint, Status};
+use evolvent_drive::FeedbackBounds;
 use evolvent_machine::SignalSettings;
 use evolvent_motion::MotionState;
-use evolvent_path::{AxisMask, angle_within_turn};
+use evolvent_path::{Axes, AxisMask, angle_within_turn};
 
 use crate::drive_report::DriveReport;
+use crate::drives::feedback_bounds;
 use crate::due_setpoint::DueSetpoint;
 use crate::job::Job;
 use crate::periphery::Periphery;
@@ -15,7 +17,7 @@ use crate::publishing::Publishing;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::spindle_command::shown_rpm;
-use crate::status_source::{StatusPort, StatusSource, event_of};
+use crate::status_source::{StatusPort, StatusSource, event_of, show_feedback};
 use evolvent_gcode::SPINDLES;
 
 /// Numbers in [`evolvent_bus::MACHINE_STATES`] and [`evolvent_bus::ACTIVITIES`], and of the power, of a
@@ -33,6 +35,11 @@ pub(crate) struct RunStatus {
     has_started: bool,
     controls: Arc<Controls>,
     signals: SignalSettings,
+    bounds: FeedbackBounds,
+    /// The newest plausible feedback.
+    feedback: Option<Feedback>,
+    /// The correction of the last setpoint for the errors of the machine.
+    shift: Axes,
     /// Unlimited rotary axes.
     unlimited: AxisMask,
 }
@@ -47,6 +54,7 @@ impl RunStatus {
             axes_mask: publishing.axes_mask,
             rapid_override_ratio: 1.0,
             spindle_override_ratio: 1.0,
+            feedback_age_ns: u64::MAX,
             ..Status::default()
         };
         status.set_program(&job.program.display().to_string());
@@ -63,6 +71,9 @@ impl RunStatus {
             has_started: false,
             controls,
             signals: job.setup.machine.signals.clone(),
+            bounds: feedback_bounds(&job.setup.machine),
+            feedback: None,
+            shift: Axes::zeros(),
             unlimited: job.setup.machine.unlimited(),
         }
     }
@@ -100,6 +111,8 @@ impl StatusSource for RunStatus {
         }
         self.last = *message;
         // The status shows positions without the machine's errors.
+        let [sent, ..] = due.sent();
+        self.shift = sent - due.setpoint.position;
         self.last.position = due.setpoint.position.into();
         self.last.velocity = due.setpoint.velocity.into();
         if is_switched {
@@ -115,9 +128,12 @@ impl StatusSource for RunStatus {
         }
     }
 
-    /// Notes whether the drives follow. Other feedback is not used: see the note of the run.
+    /// Notes whether the drives follow. Nothing else of the feedback affects the run: see its note.
     fn receive(&mut self, feedback: &Feedback) {
         self.controls.set_drives(DriveReport::of(feedback));
+        if self.bounds.check(MonotonicClock::now_ns(), feedback).is_ok() {
+            self.feedback = Some(*feedback);
+        }
     }
 
     fn look(&mut self, _: &mut StatusPort<'_>) {}
@@ -131,8 +147,19 @@ impl StatusSource for RunStatus {
         status.cycles = self.controls.progress().cycles;
         status.period_ns = self.last.period_ns;
         status.follow(&self.last);
+        if let Some(feedback) = &self.feedback {
+            show_feedback(status, feedback, status.time_ns);
+            for (position, shift) in status.position_actual.iter_mut().zip(&self.shift) {
+                *position -= shift;
+            }
+        }
         for axis in unlimited.axes() {
-            status.position_machine[axis] = angle_within_turn(status.position_machine[axis]);
+            for position in [
+                &mut status.position_machine[axis],
+                &mut status.position_actual[axis],
+            ] {
+                *position = angle_within_turn(*position);
+            }
         }
         status.late_cycles = port.report.late;
         status.dropped_setpoints = port.report.failed;

@@ -1,7 +1,9 @@
 //! The status of a run or of a served machine, and its publication.
 
 use evolvent_bus::{CoreBus, EventKind, Feedback, Status};
+use evolvent_drive::DriveState;
 use evolvent_motion::MotionState;
+use evolvent_path::AxisMask;
 
 use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
@@ -34,6 +36,18 @@ pub(crate) trait StatusSource {
 
     /// Whether no thread will report on the machine any more.
     fn is_over(&self) -> bool;
+}
+
+/// Writes the drives' newest feedback into a status.
+pub(crate) fn show_feedback(status: &mut Status, feedback: &Feedback, now_ns: u64) {
+    status.feedback_age_ns = now_ns.saturating_sub(feedback.time_ns);
+    status.position_actual = feedback.position;
+    status.following_error = feedback.following_error;
+    status.enabled_mask = 0;
+    for axis in AxisMask::from_bits(feedback.axes_mask).axes() {
+        let state = DriveState::decode((feedback.status_word[axis] & 0xFFFF) as u16);
+        status.enabled_mask |= AxisMask::one_if(axis, state == Some(DriveState::OperationEnabled)).bits();
+    }
 }
 
 /// Publishes the status, and adds what the publisher itself knows.

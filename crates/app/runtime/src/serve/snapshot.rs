@@ -1,7 +1,7 @@
 //! The status: one coherent snapshot of all that a screen needs.
 
 use evolvent_bus::{EventKind, MAX_ALARMS, Status, switches};
-use evolvent_drive::{DriveState, PowerRequest};
+use evolvent_drive::PowerRequest;
 use evolvent_motion::{MotionState, flags};
 use evolvent_path::{AXES, Axes, AxisMask, angle_within_turn};
 use evolvent_signals::ProbeState;
@@ -12,7 +12,7 @@ use super::orders::CycleView;
 use crate::periphery::Periphery;
 use crate::publish_report::PublishReport;
 use crate::spindle_command::shown_rpm;
-use crate::status_source::event_of;
+use crate::status_source::{event_of, show_feedback};
 
 const SECOND_NS: u64 = 1_000_000_000;
 
@@ -217,13 +217,7 @@ pub(crate) fn snapshot(
         status.path_to_go_mm = (operator.program.track.planned_mm() - setpoint.path_mm).max(0.0);
     }
     if let Some(feedback) = &operator.drives.feedback {
-        status.feedback_age_ns = now_ns.saturating_sub(feedback.time_ns);
-        status.position_actual = feedback.position;
-        status.following_error = feedback.following_error;
-        for axis in AxisMask::from_bits(feedback.axes_mask).axes() {
-            let state = DriveState::decode((feedback.status_word[axis] & 0xFFFF) as u16);
-            status.enabled_mask |= AxisMask::one_if(axis, state == Some(DriveState::OperationEnabled)).bits();
-        }
+        show_feedback(&mut status, feedback, now_ns);
     }
     show_within_turn(&mut status, operator.unlimited);
     status.set_program(desk.program().unwrap_or_default());
