@@ -138,6 +138,10 @@ fn run(
         let before = calls();
         let setpoint = motion.step(&inputs, &mut queue);
         allocations += (calls() - before) as usize;
+        let stands = |setpoint: &Setpoint| setpoint.velocity == Axes::zeros();
+        if inputs.hold && stands(&setpoint) && all.last().is_some_and(stands) {
+            assert!(motion.is_at_rest(), "held in cycle {}", all.len());
+        }
         all.push(setpoint);
         if setpoint.line == 2 && result.is_none() {
             moved.push(setpoint);
@@ -306,6 +310,39 @@ fn a_probing_move_stops_within_limits_and_goes_on() {
         }
     }
     assert!(met[..4].iter().all(|&count| count > 0), "{met:?}");
+}
+
+/// The drives lag behind, and a contact by the move before must have been reported when this one begins.
+#[test]
+fn a_probing_move_begins_after_the_drives_have_settled() {
+    let point = |x: f64| {
+        let mut point = Axes::zeros();
+        point[0] = x;
+        point
+    };
+    let machine = equal_axes(1000.0, 500.0, 50_000.0);
+    let order = ProbeMove {
+        curve: line(point(1.0), point(3.0)),
+        feed_mm_s: 5.0,
+        toward: true,
+    };
+    let (period_ns, next) = (1_000_000, point(0.0));
+    for hold in [0..0, 100..300] {
+        let outcome = run(
+            machine,
+            period_ns,
+            PLANNERS[0],
+            point(0.0),
+            order,
+            next,
+            Scene::Never,
+            hold,
+        );
+        let xs: Vec<f64> = outcome.all.iter().map(|setpoint| setpoint.position[0]).collect();
+        let waits = xs.iter().filter(|x| **x == 1.0).count();
+        // A lead of 2 ms and 30 ms for the drives.
+        assert!((32..40).contains(&waits), "{waits} ms");
+    }
 }
 
 #[test]
