@@ -58,3 +58,49 @@ fn a_peck_in_micrometres_is_told() {
         assert_eq!(hole(words), [], "{words}");
     }
 }
+
+#[test]
+fn a_tapping_pitch_as_feed_per_minute_is_warned_of() {
+    let tap = |words: &str, cycle: &str| {
+        let direction = if cycle == "G84" { "M3" } else { "M4" };
+        warnings(&format!(
+            "G21\nS500 {direction}\nG0 Z5\n{words}{cycle} X0 Y0 Z-20 R5\nX10\nG80\nM2\n"
+        ))
+    };
+    for cycle in ["G84", "G74"] {
+        let found = tap("F1.25 ", cycle);
+        assert_eq!(found.len(), 1, "{found:?}");
+        let text = &found[0].1;
+        assert!(
+            text.contains("0.0025 mm") && text.contains("write F625.0000"),
+            "{text}"
+        );
+        for words in ["F625 ", "G95 F1.25 ", "F100 ", "G20\nF24.6\nG21\n"] {
+            assert_eq!(tap(words, cycle), [], "{words}");
+        }
+    }
+}
+
+#[test]
+fn a_feed_before_the_change_of_its_unit_is_warned_of() {
+    for (program, found) in [
+        (
+            "G20\nG21 G1 X10 F500\nM2\n",
+            Some("F500 counts in inches, because G21"),
+        ),
+        ("G21\nG20 G1 X1 F5\nM2\n", Some("F5 counts in mm, because G20")),
+        ("G21 G1 X10 F500\nM2\n", None),
+        ("G20\nG21\nG1 X10 F500\nM2\n", None),
+        ("G20\nG93\nG21 G1 X10 F5\nM2\n", None),
+    ] {
+        let warned = warnings(program);
+        let texts: Vec<&str> = warned.iter().map(|(_, text)| text.as_str()).collect();
+        match found {
+            Some(text) => assert!(
+                matches!(&texts[..], [one] if one.contains(text)),
+                "{program}: {texts:?}"
+            ),
+            None => assert!(texts.is_empty(), "{program}: {texts:?}"),
+        }
+    }
+}

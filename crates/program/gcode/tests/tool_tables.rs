@@ -79,6 +79,22 @@ fn warnings(program: &str) -> Vec<String> {
 }
 
 #[test]
+fn diameter_of_another_tool_is_a_warning() {
+    let contour = "G1 X10 F100\nX20\nX30\nG40 G1 Y30\nM2\n";
+    for code in ["T3 M6\nG41 D4", "M61 Q3\nG42 D4"] {
+        let found = warnings(&format!("{code}\n{contour}"));
+        assert!(
+            matches!(&found[..], [text] if text.contains("tool 4") && text.contains("tool 3 is in the spindle")),
+            "{code}: {found:?}"
+        );
+    }
+    // The tool itself, one in an empty spindle, a given diameter.
+    for code in ["T3 M6\nG41 D3", "T3 M6\nG41", "G41 D4", "T3 M6\nG41.1 D5"] {
+        assert_eq!(warnings(&format!("{code}\n{contour}")), [""; 0], "{code}");
+    }
+}
+
+#[test]
 fn length_of_another_tool_is_a_warning() {
     for program in [
         "T3 M6\nG43 H4\nM2\n",

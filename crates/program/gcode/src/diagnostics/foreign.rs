@@ -106,8 +106,18 @@ pub(crate) fn explain(text: &[u8], block: &Block, fault: Fault, around: Surround
     };
     for form in &FORMS {
         if let Some(span) = code(form) {
-            return Fault::new(fault.code, span, form.message).help(form.help);
+            let better = Fault::new(fault.code, span, form.message);
+            return match (form.code, value_of(block, b'S')) {
+                (50.0 | 92.0, Some(most)) => better.help(format!(
+                    "delete the line, and write D{most} on every line with G96, as in G96 D{most} S..: a G96 \
+                     without D has no limit but the spindle's"
+                )),
+                _ => better.help(form.help),
+            };
         }
+    }
+    if let Some(better) = shift_by_g50(block, &fault, around) {
+        return better;
     }
     if let Some(better) = foreign_line::explain(text, block, &fault, around) {
         return better;
@@ -120,6 +130,42 @@ pub(crate) fn explain(text: &[u8], block: &Block, fault: Fault, around: Surround
         Some((_, message, help)) => Fault::new(Code::OWord, span, *message).help(*help),
         None => fault,
     }
+}
+
+fn value_of(block: &Block, letter: u8) -> Option<f64> {
+    let mut words = block.words.iter();
+    words.find(|word| word.letter == letter).map(|word| word.value)
+}
+
+/// G50 with axis words, with which other lathes set their coordinates.
+fn shift_by_g50(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+    let mut codes = block.words.iter().filter(|word| word.letter == b'G');
+    let span = codes.find(|word| word.value == 50.0)?.span;
+    let absolute = [b'X', b'Z'].map(|letter| value_of(block, letter));
+    let shifts = [b'U', b'W']
+        .iter()
+        .any(|letter| value_of(block, *letter).is_some());
+    let is_absolute = absolute.iter().any(Option::is_some);
+    if !around.is_lathe || !(is_absolute || shifts) {
+        return None;
+    }
+    let help = if shifts {
+        "write G92 X.. Z.. with the coordinates that the present position gets; G92.1 clears them".to_owned()
+    } else {
+        let words = ["X", "Z"].iter().zip(absolute);
+        let words: Vec<String> = words
+            .filter_map(|(letter, value)| value.map(|value| format!("{letter}{value}")))
+            .collect();
+        format!("write G92 {}; G92.1 clears it", words.join(" "))
+    };
+    Some(
+        Fault::new(
+            fault.code,
+            span,
+            "G50 with axis words, which sets the coordinates of the present position, is G92 in this dialect",
+        )
+        .help(help),
+    )
 }
 
 /// The letters at the start of a line, after `/` and a line number, in capitals.

@@ -64,6 +64,14 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
         .filter(|character| !character.is_whitespace())
         .collect();
     let upper = bare.to_ascii_uppercase();
+    if fault.code == Code::StrayPercent && bare == "%" {
+        return Some(again(
+            fault,
+            "'%' in the middle of a program",
+            "move it to the first line, before any comment, or delete it; the program ends at M2, M30 or a \
+             second %",
+        ));
+    }
     if fault.code == Code::StrayPercent && start.starts_with('%') {
         return Some(again(
             fault,
@@ -306,11 +314,18 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
         ));
     }
     if fault.code == Code::UnknownM && span_of(block, b'M', 29.0).is_some() {
+        // The pitch is F by S: without this S it would be another.
+        let cure = match value(block, b'S') {
+            Some(speed) => format!("write S{speed} M3 in its place (M4 before G74), which the pitch needs"),
+            None => "delete it".to_owned(),
+        };
         return Some(again(
             fault,
             "M29, rigid tapping, is not a code of this dialect",
-            "delete it: G84 and G74 follow a spindle with feedback anyway; G33.1 Z.. K.. taps with the lead \
-             K",
+            format!(
+                "{cure}: G84 and G74 follow a spindle with feedback anyway; G33.1 Z.. K.. taps with the lead \
+                 K"
+            ),
         ));
     }
     if let Some(better) = machine_code(block, fault).or_else(|| unused_p(block, fault)) {

@@ -37,6 +37,24 @@ pub(crate) fn assignment(assignments: &[(Target, f64)], has_comment: bool) -> Op
     })
 }
 
+/// Warns of F on a line that changes the unit: F counts in the unit before.
+pub(crate) fn feed_before_unit(line: &Statement, state: &State) -> Option<String> {
+    let Some(GCode::Inches(inches)) = line.g(Group::Units) else {
+        return None;
+    };
+    let feed = line
+        .word(b'F')
+        .filter(|_| state.modes.feed_mode != FeedMode::InverseTime)?;
+    let was_inches = state.unit_mm() > 1.0;
+    (inches != was_inches && feed > 0.0).then(|| {
+        let [unit, code] = if inches { ["mm", "G20"] } else { ["inches", "G21"] };
+        format!(
+            "F{feed} counts in {unit}, because {code} on the same line applies after F; write {code} on a line \
+             before"
+        )
+    })
+}
+
 /// Checks a line of a lathe that has another meaning on other lathes: an error if the motion would be clearly
 /// wrong, a warning if it may be intended.
 pub(crate) fn on_lathe(

@@ -202,6 +202,14 @@ impl Executor<'_> {
                     .to_owned(),
             ));
         }
+        let present = self.state.tool;
+        let own = self.tools.as_ref().and_then(|tools| tools.get(present));
+        if present != 0 && number != present && own.is_some_and(|own| own.diameter_mm != tool.diameter_mm) {
+            self.out(Action::Warning(format!(
+                "D{number} takes the diameter of tool {number}, but tool {present} is in the spindle: write \
+                 D{present}, or leave D out for the tool in the spindle"
+            )));
+        }
         let turning = !matches!(tool.orientation, 0 | 9);
         if turning && self.state.plane() != Some(Plane::Zx) {
             let span = self.line.group_span(Group::CutterCompensation);

@@ -29,6 +29,12 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
+    pub(super) fn warn_of_feed_before_unit(&mut self) {
+        if let Some(text) = misread::feed_before_unit(&self.current.statement, &self.state) {
+            self.warn(text);
+        }
+    }
+
     pub(super) fn warn_of_foreign_reads(&mut self) {
         if let Some(text) = self.parameters.foreign_reads.take() {
             self.warn(text);

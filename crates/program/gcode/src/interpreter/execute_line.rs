@@ -68,6 +68,7 @@ impl<R: BufRead> Interpreter<R> {
         self.current
             .statement
             .fill(&self.current.block, modal, &self.settings)?;
+        self.warn_of_feed_before_unit();
         if self.settings.features.lathe {
             self.check_lathe_forms()?;
         }

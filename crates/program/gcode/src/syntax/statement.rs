@@ -468,9 +468,13 @@ impl Statement {
             }
             if let Some(motion) = moving {
                 let message = format!("{taker} and {} both use the axis words", motion.name());
-                return Err(
-                    Fault::new(Code::TwoUsers, self.motion_span(), message).help("write them on two lines")
-                );
+                let help = match (self.once(), motion) {
+                    (Some(NonModal::Home(_)), Motion::Rapid) => {
+                        format!("leave G0 out: {taker} moves at rapid")
+                    }
+                    _ => "write them on two lines".to_owned(),
+                };
+                return Err(Fault::new(Code::TwoUsers, self.motion_span(), message).help(help));
             }
             if !self.has_axes() && matches!(self.once(), Some(NonModal::SetOffset | NonModal::LocalOffset)) {
                 let span = self.group_span(Group::NonModal);
@@ -526,7 +530,7 @@ impl Statement {
                 self.first_span(self.present & AXIS_BITS),
                 message,
             );
-            return Err(fault.help("write G0, G1, G2 or G3 on this line"));
+            return Err(fault.help("write G0, G1, G2 or G3 on this line; G80 ends the motion mode"));
         }
         self.motion = motion;
         Ok(())

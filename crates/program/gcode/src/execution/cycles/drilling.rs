@@ -21,6 +21,9 @@ pub(super) const MAX_REPEATS: u32 = 100_000;
 /// Q from which a peck deeper than its hole is probably in micrometres, as in other dialects.
 const LONG_PECK: f64 = 100.0;
 
+/// Pitch below which F of a tapping cycle is probably the pitch, mm. Taps begin at about 0.2 mm.
+const LEAST_PITCH_MM: f64 = 0.1;
+
 /// Maximum number of pecks of one hole.
 const MAX_PECKS: f64 = 100_000.0;
 
@@ -96,6 +99,9 @@ impl Executor<'_> {
         }
         if cycle.turns_spindle() {
             self.check_spindle(cycle, name)?;
+        }
+        if matches!(cycle, Cycle::Tap | Cycle::TapLeft) && before.running != Some(motion) {
+            self.warn_of_tiny_pitch(name);
         }
         let repeats = self.repeats_of(cycle, &hole, name)?;
         let old = self.state.sticky.old;
@@ -288,6 +294,27 @@ impl Executor<'_> {
             check_coordinate(target[index], axis, self.line)?;
         }
         self.put_line_in(target, kind, path_mode)
+    }
+
+    /// Warns of a pitch that no tap has: F was probably meant per revolution.
+    fn warn_of_tiny_pitch(&mut self, name: &str) {
+        let modes = self.state.modes;
+        let speed = modes.spindles[modes.active_spindle].speed;
+        let (Some(ProgrammedFeed::PerMinute { linear_mm_s, .. }), ProgrammedSpeed::Rpm(rpm)) =
+            (modes.feed, speed)
+        else {
+            return;
+        };
+        let feed_mm_min = linear_mm_s * 60.0;
+        let pitch_mm = feed_mm_min / rpm;
+        if pitch_mm.is_finite() && pitch_mm < LEAST_PITCH_MM {
+            let feed = feed_mm_min / self.state.unit_mm();
+            self.out(Action::Warning(format!(
+                "{name} at F{feed:.4} per minute and S{rpm} has a pitch of {pitch_mm:.4} mm; if F{feed:.4} is \
+                 the pitch, write F{:.4}, or G95 before the cycle",
+                feed * rpm
+            )));
+        }
     }
 
     /// Rigid tapping, synchronised with the spindle angle; the pitch is feed by speed, or the feed per
