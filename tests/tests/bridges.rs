@@ -244,7 +244,7 @@ fn a_network_that_did_not_come_up_is_no_success() {
         let (code, said) = finished(false, "3");
         assert_eq!(code, Some(1), "{said}");
         assert!(
-            said.contains("the network did not come up within 3 s: no core was there"),
+            said.contains("the network did not come up within 3 s: no core was running"),
             "{said}"
         );
         // A busy host may need longer to find the core and to search for devices.

@@ -123,7 +123,7 @@ fn the_ethercat_bridge_exit_code_says_when_to_retry() {
             MAIN_INTERFACE,
             &["--dump", &written.display().to_string()],
         );
-        expect(&found, 1, &["no core was there"]);
+        expect(&found, 1, &["no core was running"]);
         assert!(written.exists());
     });
 }
@@ -155,7 +155,7 @@ fn the_bridge_to_mesa_boards_does_so_too() {
     expect(
         &found,
         1,
-        &["the board did not come up within 5 s: no core was there"],
+        &["the board did not come up within 5 s: no core was running"],
     );
     {
         let _core = lathe_core("router-3axis", &domain);

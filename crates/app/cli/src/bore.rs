@@ -32,11 +32,11 @@ pub(crate) struct BoreArgs {
     /// Finish the wall after roughing: involute approach, one turn, mirrored departure.
     #[arg(long)]
     pub finish: bool,
-    /// Finish only: the hole is already roughed. Options of roughing are then refused.
+    /// Finish only: the hole is already roughed. Options of roughing are then rejected.
     #[arg(long)]
     pub finish_only: bool,
     /// Start of the finishing approach (without finishing: of roughing), in mm from the hole's centre. After
-    /// roughing it must lie where roughing has cut room for the tool.
+    /// roughing it must lie in the area that roughing has cleared for the tool.
     #[arg(long, value_name = "X,Y", value_parser = point, allow_hyphen_values = true)]
     pub start: Option<[f64; 2]>,
     /// Instead of --start: radius of curvature at the start of the finishing approach, in mm.
@@ -134,7 +134,7 @@ impl BoreArgs {
             && let Some(name) = given(&roughing)
         {
             return Err(CommandError::Usage(format!(
-                "{name} is an option of roughing, which --finish-only leaves out: remove one of the two, or \
+                "{name} is an option of roughing, which --finish-only omits: remove one of the two, or \
                  use --finish"
             )));
         }
@@ -400,7 +400,7 @@ mod tests {
             ("--hole 200 --tool 40", "--pitch"),
             (
                 "--hole 200 --tool 40 --finish-only --allowance 1",
-                "--allowance is an option of roughing, which --finish-only leaves out",
+                "--allowance is an option of roughing, which --finish-only omits",
             ),
             (
                 "--hole 200 --tool 40 --finish-only --pitch 4",

@@ -58,7 +58,7 @@ enum BridgeCommand {
     /// slowly. Exit code 1 if a case failed; 3 if none did, but this host kept the bridge from running for so
     /// long that a case could not be measured. Ctrl-C and SIGTERM end the suite and its bridge.
     Test(TestArgs),
-    /// A core that moves to and fro: the one that `test` kills.
+    /// Run a core that moves an axis to and fro, which `test` kills.
     #[command(hide = true)]
     Core(CoreArgs),
 }
@@ -74,14 +74,14 @@ struct SimArgs {
     /// Prefix of the bus's files, as for the core.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// A fault: late, silent, frozen, stuck, fault, off, jump, blocked, nan, wild or ahead, starting this
-    /// many seconds after the drives came into operation; of the load sensor (--process): load-zero,
-    /// load-lost, load-frozen, load-nan, load-saturated or load-negative; of spindles with feedback:
-    /// spindle-fault, spindle-silent, spindle-slow or spindle-stall; of homing: switch-closed, switch-open,
-    /// index-missing or absolute-lost. May be given several times.
+    /// Fault to simulate: late, silent, frozen, stuck, fault, off, jump, blocked, nan, wild or ahead,
+    /// starting this many seconds after the drives came into operation; of the load sensor (--process):
+    /// load-zero, load-lost, load-frozen, load-nan, load-saturated or load-negative; of spindles with
+    /// feedback: spindle-fault, spindle-silent, spindle-slow or spindle-stall; of homing: switch-closed,
+    /// switch-open, index-missing or absolute-lost. May be given several times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:AXIS]")]
     faults: Vec<Fault>,
-    /// End after this many seconds; without it, at Ctrl-C.
+    /// Time after which the bridge ends, in seconds. Default: at Ctrl-C.
     #[arg(long, value_name = "N")]
     seconds: Option<f64>,
     /// Rate by which the drives' clock is slower than the core's, in ppm.
@@ -92,42 +92,42 @@ struct SimArgs {
         allow_negative_numbers = true
     )]
     drift_ppm: f64,
-    /// Natural frequency of the position loops, Hz.
+    /// Natural frequency of the position loops, in Hz.
     #[arg(long, value_name = "HZ", default_value_t = 40.0)]
     frequency: f64,
     /// Damping ratio of the position loops.
     #[arg(long, value_name = "RATIO", default_value_t = 0.9)]
     damping: f64,
-    /// Number of periods for which motion continues when setpoints are missing; otherwise 10, at least 2 ms.
+    /// Number of periods for which motion continues when setpoints are missing. Default: 10, at least 2 ms.
     #[arg(long, value_name = "N")]
     bridge_cycles: Option<u32>,
-    /// Error of the encoders' positions until the axes are homed, mm or degrees.
+    /// Error of the encoders' positions until the axes are homed, in mm or degrees.
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     reference_offset: f64,
-    /// The encoders are absolute: a homed machine stays homed when the bridge restarts.
+    /// Simulate absolute encoders: a homed machine stays homed when the bridge restarts.
     #[arg(long, requires = "machine")]
     absolute: bool,
-    /// The axes X and Z cut the stock of this file, as of `evolvent turn`; its load sensor publishes every
+    /// Process file of `evolvent turn`: the axes X and Z cut its stock, and its load sensor publishes every
     /// period.
     #[arg(long, value_name = "FILE.toml")]
     process: Option<PathBuf>,
-    /// Changes of the machine file's inputs, as of `evolvent run --inputs`, starting at the first setpoint.
+    /// File of changes of the machine's inputs, as for `evolvent run --inputs`, from the first setpoint on.
     /// Without it only the emergency-stop chain is known, and closed.
     #[arg(long, value_name = "FILE.toml", requires = "machine")]
     inputs: Option<PathBuf>,
-    /// Rate at which the speed of spindles with feedback changes, rpm per second.
+    /// Acceleration of spindles with feedback, in rpm per second.
     #[arg(long, value_name = "RPM_PER_S", default_value_t = 2000.0)]
     spindle_acceleration: f64,
-    /// Variation of their speed three times per turn, percent.
+    /// Ripple of the speed of these spindles, three periods per turn, in percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0)]
     spindle_ripple: f64,
-    /// Steps of their encoders per turn.
+    /// Counts per turn of the encoders of these spindles.
     #[arg(long, value_name = "N", default_value_t = 4096)]
     spindle_counts: u32,
-    /// Age of their feedback when it is sent, ms.
+    /// Age of the feedback of these spindles when it is sent, in ms.
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     spindle_delay: f64,
-    /// A touch probe, described by the surfaces that it can touch in machine coordinates: plane:Z<-3,
+    /// Simulate a touch probe, given by the surfaces that it can touch in machine coordinates: plane:Z<-3,
     /// bore:X,Y,DIAMETER,TOP, boss:X,Y,DIAMETER,TOP or block:X1,X2,Y1,Y2,Z1,Z2; several are joined by +.
     /// Options follow after ; : delay=MS until the contact is reported, late=MS error of its time, bounces=N,
     /// lost=MS after which it stops sending, latched if the drives latch their positions.
@@ -160,12 +160,12 @@ struct TestArgs {
     /// wired to its digital input 0.
     #[arg(long)]
     signals: bool,
-    /// Run the cases of a spindle too: the bridge sends the angle of spindle 0, which TURNS AT 300 RPM,
-    /// either way.
+    /// Run the cases of a spindle too: the bridge sends the angle of spindle 0, which TURNS AT 300 RPM in
+    /// both directions.
     #[arg(long)]
     spindle: bool,
     /// Run the case of a touch probe too: the FIRST AXIS MOVES in its positive direction, at 0.5 and at 3
-    /// mm/s, until the probe touches what is 1 to 4 mm away, and about 1 mm beyond.
+    /// mm/s, until the probe touches a surface 1 to 4 mm away, and about 1 mm beyond.
     #[arg(long)]
     probe: bool,
     /// List the cases and their requirements.
@@ -238,7 +238,7 @@ pub(crate) fn ending_of_bridge(
         return Ok(Ending::Clean);
     };
     let why = if connections == 0 {
-        "no core was there, for which it waits: start `evolvent serve` or `evolvent run` for this machine"
+        "no core was running, and it waits for one: start `evolvent serve` or `evolvent run` for this machine"
     } else {
         "see the messages above"
     };
@@ -295,7 +295,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         && job.blank.is_none()
     {
         return Err(usage(format!(
-            "{}: has no [stock]: there is nothing to cut",
+            "{}: has no [stock], so there is nothing to cut: add one, or omit --process",
             file.display()
         )));
     }

@@ -36,7 +36,7 @@ pub(crate) struct EthercatArgs {
     /// List the devices on the wire, and end. Takes every device to INIT: do not use it while a bridge runs.
     #[arg(long, requires = "interface", conflicts_with_all = ["network", "machine_name", "bus_prefix", "seconds"])]
     scan: bool,
-    /// Write a network file to start from, which must not exist; its axes have guessed values, with which no
+    /// Write a template of a network file, which must not exist; its axes have guessed values, with which no
     /// bridge runs.
     #[arg(long, value_name = "FILE", requires = "scan")]
     write: Option<PathBuf>,

@@ -63,7 +63,9 @@ pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         return describe(address, out);
     }
     let (Some(machine_path), Some(board_path)) = (&args.machine, &args.board) else {
-        return Err(usage("--machine and --board are needed".to_owned()));
+        return Err(usage(
+            "--machine and --board are required: give both, or use --describe".to_owned(),
+        ));
     };
     let machine = Machine::load(machine_path).map_err(|error| usage(error.to_string()))?;
     let mut board = BoardSettings::load(board_path).map_err(|error| usage(error.to_string()))?;

@@ -51,7 +51,7 @@ pub(crate) fn run(
         commands => commands,
     };
     let found = evolvent_runtime::check(&args.program.program, &setup, bounds).map_err(|error| {
-        CommandError::Usage(format!("{file_name}: {error}; name a readable part program"))
+        CommandError::Usage(format!("{file_name}: {error}; give a readable part program"))
     })?;
     let chatter = match case {
         Some(case) => Some(chatter_warnings(&args.program.program, &setup, case, bounds)?),

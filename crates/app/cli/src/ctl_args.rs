@@ -16,7 +16,7 @@ pub(crate) struct CtlArgs {
     /// Print one JSON object.
     #[arg(long, global = true)]
     pub(crate) json: bool,
-    /// Time to wait for a core that is not up yet, s.
+    /// Time to wait for a core that has not started yet, in s.
     #[arg(long, value_name = "S", default_value_t = 1.0, global = true)]
     pub(crate) patience: f64,
     #[command(subcommand)]
@@ -42,8 +42,8 @@ pub(crate) enum Action {
     Status,
     /// Show inputs, outputs, switches of the axes and spindles; an input that no bridge sends is unknown.
     Io {
-        /// The machine file, for the names and the inputs that nobody sends. Default: what is sent is listed
-        /// by number.
+        /// Machine file, for the names and for the inputs that no bridge sends. Default: the signals that are
+        /// sent, by number.
         #[arg(long, value_name = "FILE")]
         machine: Option<PathBuf>,
     },
@@ -51,7 +51,7 @@ pub(crate) enum Action {
     Estop,
     /// Leave the emergency stop.
     EstopReset,
-    /// Enable the drives; waits until they are.
+    /// Enable the drives and wait until they are enabled.
     On,
     /// Disable the drives.
     Off,
@@ -74,7 +74,7 @@ pub(crate) enum Action {
         /// Start at this line; the machine shows the approach and waits for `resume`.
         #[arg(long, value_name = "N")]
         line: Option<u32>,
-        /// Wait for its end.
+        /// Wait for the end of the program.
         #[arg(long)]
         wait: bool,
     },
@@ -99,7 +99,7 @@ pub(crate) enum Action {
     /// Set an output of the machine file by hand: `ctl set clamp on`, `ctl set laser 4.5`. Not while a
     /// program runs.
     Set {
-        /// Its name.
+        /// Name of the output.
         output: String,
         /// on, off, or the value of an analog output.
         #[arg(value_parser = output_value, allow_negative_numbers = true)]
@@ -120,19 +120,19 @@ pub(crate) enum Action {
         /// on or off.
         state: Switch,
     },
-    /// Feed override, 0 to 200 percent.
+    /// Set the feed override, 0 to 200 percent.
     Override {
-        /// Percent.
+        /// Feed override, in percent.
         percent: f64,
     },
-    /// Rapid override, 0 to 100 percent; in a running program for lines that have not been read yet.
+    /// Set the rapid override, 0 to 100 percent; in a running program for lines that have not been read yet.
     Rapid {
-        /// Percent.
+        /// Rapid override, in percent.
         percent: f64,
     },
-    /// Spindle override, 10 to 200 percent.
+    /// Set the spindle override, 10 to 200 percent.
     Spindle {
-        /// Percent.
+        /// Spindle override, in percent.
         percent: f64,
     },
     /// Execute one block and wait for its end; Ctrl-C stops it. The wait ends at a program stop (M0).
@@ -151,18 +151,18 @@ pub(crate) enum Action {
         /// Axes with their directions.
         #[arg(required = true, value_name = "AXIS+|AXIS-")]
         axes: Vec<String>,
-        /// Distance of each axis, mm or degrees.
+        /// Distance of each axis, in mm or degrees.
         #[arg(long, value_name = "MM")]
         distance: Option<f64>,
         /// Maximum speed of each axis, mm/min or degrees/min. Default: a fifth of the axis's maximum.
         #[arg(long, value_name = "MM_MIN")]
         speed: Option<f64>,
-        /// End a jog without a distance after this time; otherwise at Ctrl-C.
+        /// Duration of a jog without a distance, in s. Default: until Ctrl-C.
         #[arg(long, value_name = "S")]
         seconds: Option<f64>,
     },
     /// Return to the position at which the held program was left, jog by jog and then forwards along the
-    /// path. `resume` continues then.
+    /// path. `resume` then continues the program.
     Return {
         /// Maximum speed of reversed jogs, mm/min or degrees/min. Default: a fifth of the axis velocity.
         #[arg(long, value_name = "MM_MIN")]
@@ -176,15 +176,16 @@ pub(crate) enum Action {
     },
     /// End a jog, a `return` or a `retrace`.
     JogStop,
-    /// Assign the handwheel to an axis, in manual mode: `handwheel X --step 0.01`; without an axis to none.
+    /// Assign the handwheel to an axis, in manual mode: `handwheel X --step 0.01`; without an axis, remove
+    /// the assignment.
     Handwheel {
         /// Letter of the axis.
         axis: Option<String>,
-        /// Distance per detent, mm or degrees. Default: the first step of the machine file.
+        /// Distance per detent, in mm or degrees. Default: the first step of the machine file.
         #[arg(long, value_name = "MM", requires = "axis")]
         step: Option<f64>,
     },
-    /// Home axes, all if none is named, and wait for the end.
+    /// Home axes, or all if none is given, and wait for the end.
     ///
     /// Axes without `[[homing]]` that have lost machine zero are declared to be at their home position: jog
     /// them there first.
@@ -211,12 +212,12 @@ pub(crate) enum Action {
     },
     /// Set a tool's offsets and diameter: `tool 7 Z120.5 --diameter 6`.
     Tool {
-        /// Its number.
+        /// Number of the tool.
         number: u32,
         /// Axes with offsets.
         #[arg(value_name = "AXIS VALUE")]
         values: Vec<String>,
-        /// Diameter, mm.
+        /// Diameter, in mm.
         #[arg(long, value_name = "MM")]
         diameter: Option<f64>,
     },
@@ -233,6 +234,6 @@ fn output_value(word: &str) -> Result<f64, String> {
             .parse()
             .ok()
             .filter(|value: &f64| value.is_finite())
-            .ok_or_else(|| "it must be on, off or a number".to_owned()),
+            .ok_or_else(|| "give on, off or a number".to_owned()),
     }
 }

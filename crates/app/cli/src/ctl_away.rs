@@ -76,7 +76,7 @@ impl Session {
         }
         if order.command == CommandCode::Return as u32 && status.away_parts > 0 {
             return Err(CommandError::Failed(format!(
-                "the way back was stopped: {}",
+                "the return was stopped: {}",
                 status.operator_message()
             )));
         }
@@ -131,7 +131,7 @@ impl Session {
                 }
             }
             if looks > MAX_LOOKS {
-                return Err(CommandError::Failed("the core has gone".to_owned()));
+                return Err(CommandError::Failed("the core has ended".to_owned()));
             }
             std::thread::sleep(POLL);
         }

@@ -72,7 +72,7 @@ pub(crate) fn tool(
     }
     if values.is_empty() && diameter.is_none() {
         return Err(CommandError::Usage(format!(
-            "nothing to set of tool {number}: write an offset, as in Z12.5, or --diameter"
+            "nothing to set for tool {number}: give an offset, as in Z12.5, or --diameter"
         )));
     }
     Ok(ControlRequest {

@@ -330,7 +330,7 @@ fn write_motion(out: &mut dyn Write, status: &Status) -> io::Result<()> {
         "  tool {}{}, {}, {}",
         status.tool,
         if is_tool_unknown(status) {
-            ", or another since a tool change was broken off: name it by MDI, such as M61 Q3"
+            ", or another, because a tool change was interrupted: set it by MDI, for example M61 Q3"
         } else {
             ""
         },
@@ -345,12 +345,16 @@ fn write_waits(out: &mut dyn Write, status: &Status, axes: &str) -> io::Result<(
         writeln!(out, "  the emergency-stop chain is open, or no bridge reads it")?;
     }
     if status.switches & switches::INPUT_WAIT != 0 {
-        writeln!(out, "  waits for an input or a spindle, and goes on by itself")?;
+        writeln!(
+            out,
+            "  waits for an input or a spindle, and continues automatically"
+        )?;
     }
     if status.away_parts > 0 {
         writeln!(
             out,
-            "  away from the held program: {} part(s) of the way back, `evolvent ctl return` drives it",
+            "  away from the held program: {} part(s) of the way back; `evolvent ctl return` moves the \
+             axes back",
             status.away_parts
         )?;
     }
@@ -540,7 +544,7 @@ mod tests {
         write_status(&mut page, &status, "XZ", "mill").unwrap();
         let page = String::from_utf8(page).unwrap();
         assert!(
-            page.contains("tool 7, or another since a tool change was broken off: name it by MDI"),
+            page.contains("tool 7, or another, because a tool change was interrupted: set it by MDI"),
             "{page}"
         );
     }

@@ -21,14 +21,14 @@ pub(crate) struct DoctorArgs {
     /// Rate of the measured loop, in Hz
     #[arg(long, value_name = "HZ", default_value_t = 1000.0)]
     pub(crate) rate: f64,
-    /// How long to measure, in seconds
+    /// Duration of the measurement, in seconds
     #[arg(long, value_name = "N", default_value_t = 5.0)]
     pub(crate) seconds: f64,
     /// Measure round trips on this network interface instead, of EtherCAT frames or packets to --board, and
     /// examine its card and driver. Not for use while a bridge runs on it
     #[arg(long, value_name = "IFACE")]
     pub(crate) network: Option<String>,
-    /// Address of a Mesa board behind that interface
+    /// Address of a Mesa board on that interface
     #[arg(long, value_name = "ADDRESS", requires = "network")]
     pub(crate) board: Option<IpAddr>,
     /// Print one JSON object on standard output

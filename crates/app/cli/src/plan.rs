@@ -34,8 +34,8 @@ pub(crate) struct PlanArgs {
     /// Explain why the machine is slow on this line of the program, and what would help (by planning again).
     #[arg(long, value_name = "LINE", value_parser = clap::value_parser!(u32).range(1..))]
     explain: Option<u32>,
-    /// Changes of the machine's inputs, for the virtual clock. Without it no input is known, so M66 ends by
-    /// its timeout, and an emergency-stop chain is closed.
+    /// File of changes of the machine's inputs, for the virtual clock. Without it no input is known, so M66
+    /// ends by its timeout, and an emergency-stop chain is closed.
     #[arg(long, value_name = "FILE.toml")]
     inputs: Option<PathBuf>,
     /// Feed override in percent, 1 to 200.

@@ -36,13 +36,14 @@ pub(crate) struct ProgramArgs {
     /// Persistent parameters and offsets, in LinuxCNC's format. Default: the machine file's.
     #[arg(long, value_name = "FILE.var")]
     pub(crate) parameters: Option<PathBuf>,
-    /// The tool in the spindle at the start: M6 with another one waits for a tool change.
+    /// Number of the tool in the spindle at the start: M6 with another one waits for a tool change.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=99_999))]
     pub(crate) tool: u32,
     /// Skip lines that start with `/` (block delete); without this they are executed.
     #[arg(long)]
     pub(crate) block_delete: bool,
-    /// Search subroutines NAME.ngc in this folder too, after the program's own and before the machine file's.
+    /// Search for subroutines NAME.ngc in this folder too, after the program's own and before the machine
+    /// file's.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) subroutines: Vec<PathBuf>,
 }
@@ -100,7 +101,7 @@ impl ProgramArgs {
         for folder in &self.subroutines {
             if !folder.is_dir() {
                 return Err(CommandError::Usage(format!(
-                    "{} is not a folder; name one with subroutines NAME.ngc",
+                    "{} is not a folder; give a folder of subroutines NAME.ngc",
                     folder.display()
                 )));
             }
@@ -147,7 +148,7 @@ fn try_program(file: &Path) -> Result<(), CommandError> {
     let path = file.to_path_buf();
     within(FILE_TIMEOUT, move || open_regular(&path).map(drop)).map_err(|error| {
         CommandError::Usage(format!(
-            "{}: {error}; name a readable part program",
+            "{}: {error}; give a readable part program",
             file.display()
         ))
     })
@@ -167,7 +168,7 @@ fn parse_planner(text: &str) -> Result<PlannerKind, String> {
     match text {
         "optimal" => Ok(PlannerKind::Optimal),
         "classic" => Ok(PlannerKind::Classic),
-        _ => Err("name `optimal` or `classic`".to_owned()),
+        _ => Err("give `optimal` or `classic`".to_owned()),
     }
 }
 

@@ -25,8 +25,8 @@ use crate::{CommandError, Ending};
 pub(crate) struct RunArgs {
     #[command(flatten)]
     program: ProgramArgs,
-    /// Real time, or virtual: as fast as it computes, with the same bits; tools and parameters stay as they
-    /// are.
+    /// Clock: real time, or virtual, as fast as the host computes, with bit-identical positions and without
+    /// saving tools and parameters.
     #[arg(long, value_enum, default_value_t = ClockArg::Realtime)]
     clock: ClockArg,
     /// Trace file. Default: traces/NAME-TIME.mcap.
@@ -47,16 +47,16 @@ pub(crate) struct RunArgs {
     /// Feed override in percent, 1 to 200.
     #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
     feed_override: f64,
-    /// Changes of the machine's inputs, for the virtual clock. Without it no input is known, so M66 ends by
-    /// its timeout, and an emergency-stop chain is closed.
+    /// File of changes of the machine's inputs, for the virtual clock. Without it no input is known, so M66
+    /// ends by its timeout, and an emergency-stop chain is closed.
     #[arg(long, value_name = "FILE.toml")]
     inputs: Option<PathBuf>,
     /// Stop at M1.
     #[arg(long)]
     optional_stop: bool,
-    /// Control the feed for a constant cutting load: settings of the tool. In real time the load comes from
-    /// the bus; with the virtual clock the stock of --process is cut. Uses the classic planner, with which
-    /// the feed reacts in the same cycle.
+    /// Control the feed for a constant cutting load, with the tool settings of this file. In real time the
+    /// load comes from the bus; with the virtual clock the stock of --process is cut. Uses the classic
+    /// planner, with which the feed reacts in the same cycle.
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["no_bus", "planner"])]
     adaptive: Option<PathBuf>,
     /// The cutting process, for turning cycles with Q1, which compute their passes from the cutting load: a
@@ -165,7 +165,7 @@ fn adaptive_settings(args: &RunArgs, setup: &mut Setup) -> Result<Option<Adaptiv
         None => None,
         Some(file) if args.clock == ClockArg::Virtual && args.process.is_none() => {
             return Err(CommandError::Usage(format!(
-                "{}: with the virtual clock no sensor measures a load: name a process file with a [stock] \
+                "{}: with the virtual clock no sensor measures a load: give a process file with a [stock] \
                  to cut (--process), or omit --clock virtual",
                 file.display()
             )));
@@ -235,7 +235,7 @@ fn refuse_wrong_program(
     bounds.user_codes = clock == Clock::Realtime;
     bounds.confirms_tools = clock == Clock::Virtual || io::stdin().is_terminal();
     let found = evolvent_runtime::check(file, setup, bounds)
-        .map_err(|error| CommandError::Usage(format!("{name}: {error}; name a readable part program")))?;
+        .map_err(|error| CommandError::Usage(format!("{name}: {error}; give a readable part program")))?;
     let Some(first) = found.errors.first() else {
         if let Some(unchecked) = &found.unchecked {
             // If standard error is closed, nobody is left to inform.

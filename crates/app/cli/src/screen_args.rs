@@ -45,7 +45,7 @@ pub(crate) struct ScreenArgs {
 #[derive(Debug, Args)]
 pub(crate) struct OperateArgs {
     /// File of macros: buttons of the screen, each with blocks of MDI (config/macros). Default: macros.toml
-    /// in the state folder, if it is there.
+    /// in the state folder, if it exists.
     #[arg(long = "screen-macros", value_name = "FILE.toml", requires = "address")]
     pub(crate) macros: Option<PathBuf>,
 }

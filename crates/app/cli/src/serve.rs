@@ -74,7 +74,7 @@ pub(crate) fn run(
     let chatter = sort_process_files(&mut setup, &args.process, Clock::Realtime)?.map(Path::to_path_buf);
     if chatter.is_some() && !args.screen.is_wanted() {
         return Err(CommandError::Usage(
-            "a case file of chatter is for the screen: add --screen, or leave it out".to_owned(),
+            "a case file of chatter is for the screen: add --screen, or omit it".to_owned(),
         ));
     }
     let state = args

@@ -38,13 +38,13 @@ pub(crate) struct TopArgs {
     /// Prefix of the bus's files.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// Time between two pictures.
+    /// Time between two updates, in ms.
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u64).range(20..=10_000))]
     every: u64,
-    /// One snapshot, then end: the default if the output is not a terminal.
+    /// Print one snapshot and end: the default if the output is not a terminal.
     #[arg(long)]
     once: bool,
-    /// One snapshot as one JSON object.
+    /// Print one snapshot as one JSON object.
     #[arg(long)]
     json: bool,
 }
@@ -248,7 +248,7 @@ impl Picture<'_> {
         if self.status.switches & switches::INPUT_WAIT != 0 {
             let _ = writeln!(
                 self.text,
-                "waits for an input or a spindle, and goes on by itself"
+                "waits for an input or a spindle, and continues automatically"
             );
         }
         if let Some(state) = probe_state(self.status) {

@@ -26,7 +26,10 @@ fn write_info(out: &mut dyn Write, info: &TraceInfo) -> io::Result<()> {
     let mut rows = vec![("trace", info.path.display().to_string())];
     match &info.run {
         Some(run) => add_run(&mut rows, run),
-        None => rows.push(("run", "unknown: the file does not say what was run".to_owned())),
+        None => rows.push((
+            "run",
+            "unknown: the file has no description of the run".to_owned(),
+        )),
     }
     rows.push(("duration", format!("{:.3} s", info.duration_s())));
     rows.push((
@@ -44,7 +47,7 @@ fn write_info(out: &mut dyn Write, info: &TraceInfo) -> io::Result<()> {
         let text = |key: &str| info.summary.get(key).cloned().unwrap_or_else(|| "?".to_owned());
         rows.push((
             "cycles",
-            format!("{}, {} left late", text("cycles"), text("late_cycles")),
+            format!("{}, {} late", text("cycles"), text("late_cycles")),
         ));
         rows.push((
             "gaps",

@@ -68,11 +68,11 @@ enum TraceCommand {
         a: PathBuf,
         /// The second trace.
         b: PathBuf,
-        /// A job of the first trace, where it is that of a served machine: its number in the report. Default:
-        /// all of the trace.
+        /// Job of the first trace, for the trace of a served machine: its number in the report. Default: the
+        /// whole trace.
         #[arg(long, value_name = "N")]
         job_a: Option<u32>,
-        /// The same of the second trace.
+        /// Job of the second trace, likewise.
         #[arg(long, value_name = "N")]
         job_b: Option<u32>,
         /// Print one JSON object.
@@ -220,7 +220,7 @@ mod tests {
             "mill, axes XZ",
             "1000000 ns, 1000.00 Hz",
             "1.000 s",
-            "1001, 0 left late",
+            "1001, 0 late",
             "worst 20.0 us",
         ] {
             assert!(text.contains(part), "{part} is not in\n{text}");

@@ -82,7 +82,8 @@ pub(super) fn run(
             // Standard error may be closed.
             drop(writeln!(
                 err,
-                "cycle {}, line {}, feed {:.3} mm/s; Enter for the next, a number for as many, q to end",
+                "cycle {}, line {}, feed {:.3} mm/s; Enter for the next cycle, N for the next N cycles, q to \
+                 end",
                 record.sequence, record.line, record.feed_mm_s
             ));
             match lines.as_ref().and_then(|lines| next_line(lines, &stop)) {

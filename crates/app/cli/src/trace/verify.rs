@@ -72,14 +72,17 @@ fn write_verified(out: &mut dyn Write, verified: &Verified) -> io::Result<()> {
     if verified.cycles == 0 {
         // Nothing was checked in this case either.
     } else if verified.violations.is_empty() {
-        write!(out, "every sample keeps travel, velocity, acceleration and jerk")?;
+        write!(
+            out,
+            "every sample is within travel, velocity, acceleration and jerk"
+        )?;
         match verified.max_path_error_mm {
             Some(error) => writeln!(out, ", and the path within its tolerance (at most {error:.6} mm)")?,
             None => writeln!(out)?,
         }
     } else {
         for text in &verified.violations {
-            writeln!(out, "NOT kept: {text}")?;
+            writeln!(out, "NOT within limits: {text}")?;
         }
     }
     if verified.jobs > 0 {
