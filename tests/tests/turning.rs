@@ -251,7 +251,7 @@ fn drives_stopped_during_a_suspension_end_the_run() {
             "{error}"
         );
         assert!(
-            said.contains("no longer follow: no usable setpoints came for 100 periods"),
+            said.contains("no longer follow: no usable setpoints arrived for 100 periods"),
             "{said}"
         );
     });

@@ -19,7 +19,9 @@ impl Folder {
                 Err(error) => return Err(error),
             }
         }
-        Err(std::io::Error::other("no room for a folder in the temporary one"))
+        Err(std::io::Error::other(
+            "the temporary folder has no free name for a folder",
+        ))
     }
 
     /// The path.

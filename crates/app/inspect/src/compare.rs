@@ -368,10 +368,10 @@ fn surroundings(a: &Opened, b: &Opened) -> Vec<String> {
         differ(key, of(a), of(b));
     }
     if a.program != b.program {
-        notes.push("the programs are not the same: lines mean each run's own".to_owned());
+        notes.push("the programs differ: line numbers refer to each run's own program".to_owned());
     }
     if a.machine_text != b.machine_text {
-        notes.push("the machine files are not the same".to_owned());
+        notes.push("the machine files differ".to_owned());
     }
     notes
 }
@@ -411,7 +411,7 @@ fn by_line(times: &[LineTimes; 2], lines: &[Vec<String>; 2]) -> Vec<LineDifferen
                 b_limit: limit(b),
                 why: a
                     .zip(b)
-                    .map_or_else(|| "only one run drove it".to_owned(), |(a, b)| why(a, b)),
+                    .map_or_else(|| "only one run executed it".to_owned(), |(a, b)| why(a, b)),
             })
         })
         .collect();

@@ -33,10 +33,10 @@ pub enum ExportError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// The trace has no description of the run, so its axes have no names.
-    #[error("the trace does not say what was run, so its columns have no names")]
+    #[error("the trace has no description of the run, so its columns have no names")]
     NoRun,
     /// The table cannot be written.
-    #[error("{} cannot be written: {source}; free some room or name another place", .path.display())]
+    #[error("{} cannot be written: {source}; free some space or choose another path", .path.display())]
     Write {
         /// Where to.
         path: PathBuf,

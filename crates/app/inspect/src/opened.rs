@@ -18,7 +18,9 @@ pub enum InspectError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// The description of the run is missing.
-    #[error("{file} does not say what was run; without machine and period its cycles mean nothing")]
+    #[error(
+        "{file} has no description of the run; without machine and period its cycles cannot be interpreted"
+    )]
     NoRun {
         /// The trace.
         file: String,

@@ -71,7 +71,7 @@ pub enum ReplayError {
     #[error(
         "drives of {name} are on (a bridge answers with status word {status_word:#06x} on axis {axis}): a \
          replay would \
-         move them. Switch them off, or choose another name with --as. Only if it is meant: --force \
+         move them. Switch them off, or choose another name with --as. If it is intended, use --force \
          --yes-machine-is-on"
     )]
     MachineIsOn {

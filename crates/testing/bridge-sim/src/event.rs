@@ -53,20 +53,20 @@ impl Display for StopCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Setpoints { note, .. } if *note == Note::Restart => {
-                f.write_str("another core has begun, and the motion of the one before is void")
+                f.write_str("another core has started, and the motion of the previous one is void")
             }
             Self::Setpoints { periods, note } => {
                 let kind = match note {
                     Note::Late => ", the last ones too late",
-                    Note::Jump => ", the last ones out of reach",
-                    Note::NotFinite => ", the last ones no numbers",
+                    Note::Jump => ", the last ones beyond reach of the axes",
+                    Note::NotFinite => ", the last ones not finite",
                     Note::Version => ", the last ones of another interface version",
                     _ => "",
                 };
                 write!(
                     f,
-                    "no usable setpoints came for {periods} periods{kind} (the core has ended, or this host \
-                     kept it or the bridge from running)"
+                    "no usable setpoints arrived for {periods} periods{kind} (the core has ended, or this \
+                     host kept it or the bridge from running)"
                 )
             }
             Self::Fault { axis, error_code } => {
@@ -92,8 +92,8 @@ impl Display for SimEvent {
             Self::Core { axes, period_ns } => write!(f, "core found: axes {axes}, {period_ns} ns"),
             Self::Stopped(cause @ StopCause::Setpoints { .. }) => write!(
                 f,
-                "the drives no longer follow: {cause}; they brake and hold until setpoints begin where they \
-                 are"
+                "the drives no longer follow: {cause}; they brake and hold until setpoints begin at \
+                 their positions"
             ),
             Self::Stopped(cause) => write!(
                 f,
@@ -220,7 +220,7 @@ mod tests {
         let told = bench.events.iter().map(ToString::to_string).collect::<Vec<_>>();
         assert_eq!(told.len(), 1, "{told:?}");
         assert!(
-            told[0].contains("no usable setpoints came for 10 periods"),
+            told[0].contains("no usable setpoints arrived for 10 periods"),
             "{told:?}"
         );
         bench.step(500, Some(PowerRequest::On));

@@ -163,7 +163,7 @@ impl Fault {
 /// A text that is not a fault.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
-    "{text:?} is no fault: write KIND@SECONDS[+DURATION][:AXIS] with one of late, silent, frozen, stuck, \
+    "{text:?} is not a fault: give KIND@SECONDS[+DURATION][:AXIS] with one of late, silent, frozen, stuck, \
      fault, off, jump, blocked, nan, wild, ahead, load-zero, load-lost, load-frozen, load-nan, \
      load-saturated, load-negative, spindle-fault, spindle-silent, spindle-slow, spindle-stall, \
      switch-closed, switch-open, index-missing, absolute-lost, as in `jump@2.5:Y`"

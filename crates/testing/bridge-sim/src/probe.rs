@@ -106,7 +106,7 @@ impl FromStr for ProbeSettings {
                     continue;
                 }
                 return Err(format!(
-                    "{part:?} is no property of a probe: write delay=MS, late=MS, bounces=N, lost=MS or \
+                    "{part:?} is not a property of a probe: give delay=MS, late=MS, bounces=N, lost=MS or \
                      latched"
                 ));
             };
@@ -125,11 +125,11 @@ impl FromStr for ProbeSettings {
                 "bounces" => {
                     settings.bounces = value
                         .parse()
-                        .map_err(|_| format!("{value:?} is no number of bounces"))?;
+                        .map_err(|_| format!("{value:?} is not a number of bounces"))?;
                 }
                 _ => {
                     return Err(format!(
-                        "{key:?} is no property of a probe: write delay, late, bounces, lost or latched"
+                        "{key:?} is not a property of a probe: give delay, late, bounces, lost or latched"
                     ));
                 }
             }
@@ -141,15 +141,15 @@ impl FromStr for ProbeSettings {
 fn number(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
         Ok(value) if value.is_finite() && value.abs() <= 1e6 => Ok(value),
-        _ => Err(format!("{text:?} is no number of at most a million")),
+        _ => Err(format!("{text:?} is not a number of at most a million")),
     }
 }
 
 fn surface_of(text: &str) -> Result<Surface, String> {
-    let shapes = "write plane:Z<-3, bore:X,Y,DIAMETER,TOP, boss:X,Y,DIAMETER,TOP or block:X1,X2,Y1,Y2,Z1,Z2";
+    let shapes = "give plane:Z<-3, bore:X,Y,DIAMETER,TOP, boss:X,Y,DIAMETER,TOP or block:X1,X2,Y1,Y2,Z1,Z2";
     let (kind, rest) = text
         .split_once(':')
-        .ok_or_else(|| format!("{text:?} is no surface: {shapes}"))?;
+        .ok_or_else(|| format!("{text:?} is not a surface: {shapes}"))?;
     if kind == "plane" {
         let axis = rest
             .chars()
@@ -158,7 +158,7 @@ fn surface_of(text: &str) -> Result<Surface, String> {
         let sign = rest.get(1..2).unwrap_or_default();
         let (Some(axis), "<" | ">") = (axis, sign) else {
             return Err(format!(
-                "{rest:?} is no plane: write an axis, < or >, and a coordinate, as in Z<-3"
+                "{rest:?} is not a plane: give an axis, < or >, and a coordinate, as in Z<-3"
             ));
         };
         let at = number(rest.get(2..).unwrap_or_default())?;
@@ -184,7 +184,7 @@ fn surface_of(text: &str) -> Result<Surface, String> {
             low: [x1, y1, z1],
             high: [x2, y2, z2],
         }),
-        _ => Err(format!("{text:?} is no surface: {shapes}")),
+        _ => Err(format!("{text:?} is not a surface: {shapes}")),
     }
 }
 

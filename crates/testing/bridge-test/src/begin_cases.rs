@@ -66,7 +66,7 @@ fn begins_elsewhere(core: &mut TestCore, seconds: f64, axis: usize, position: f6
     })?;
     let says = log.last().is_some_and(|seen| is_following(&seen.feedback));
     demand(!says, || {
-        format!("says that it follows setpoints that begin {ELSEWHERE} mm from axis {axis}")
+        format!("reports that it follows setpoints that begin {ELSEWHERE} mm from axis {axis}")
     })
 }
 
@@ -131,7 +131,7 @@ fn judge_way(log: &[Seen], axis: usize, from: f64, off: f64) -> Judged {
                 let took_s = feedback.time_ns.saturating_sub(left_ns) as f64 * 1e-9;
                 demand(left_ns == 0 || took_s >= min_s, || {
                     format!(
-                        "the {what} {axis} went {:.1} mm to the first setpoints in {:.1} ms: no axis can",
+                        "the {what} {axis} moved {:.1} mm to the first setpoints in {:.1} ms: no axis can",
                         off.abs(),
                         took_s * 1e3
                     )

@@ -183,54 +183,54 @@ macro_rules! case {
 pub const CASES: [Case; 29] = [
     case!(
         bridge_first,
-        "started before its core it waits, then follows",
+        "waits for a core that starts later, then follows",
         false,
         false
     ),
-    case!(core_first, "started after its core it follows", false, false),
+    case!(core_first, "follows a core that started earlier", false, false),
     case!(
         feedback,
-        "answers every setpoint, in order, with fresh and finite numbers of every axis",
+        "replies to every setpoint, in order, with current and finite values of every axis",
         false,
         false
     ),
     case!(
         due,
-        "moves when setpoints are due, not when they come and not later, and answers none before",
+        "moves when setpoints are due, not when they arrive and not later, and replies to none before",
         false,
         false
     ),
     case!(
         begin,
-        "begins to follow within 1 mm of the positions that it reports and at rest only",
+        "begins to follow only at rest and within 1 mm of the positions that it reports",
         begin
     ),
     case!(
         begin_beside,
-        "begins beside the axes without a step of them or of their targets",
+        "begins at an offset from the axes without a step of the axes or of their targets",
         begin
     ),
     case!(
         quick_stop,
-        "heeds a quick stop at once, before it is due",
+        "executes a quick stop at once, before it is due",
         false,
         false
     ),
     case!(
         fault_reset,
-        "tells in fault_reset_done which reset it has carried out last",
+        "reports in fault_reset_done the last reset that it has executed",
         false,
         false
     ),
     case!(
         new_core_reset,
-        "resets no fault of a drive by the counter of a core that has just begun",
+        "does not reset the fault of a drive by the counter of a core that has just started",
         false,
         false
     ),
     case!(
         silent_start,
-        "gives drives that are not in operation no power where the core has fallen silent",
+        "does not power drives that are not in operation after the core has fallen silent",
         false,
         false
     ),
@@ -247,46 +247,46 @@ pub const CASES: [Case; 29] = [
     ),
     case!(
         silence,
-        "brakes and holds when setpoints stop in motion, and stays when they go on elsewhere",
+        "brakes and holds when setpoints stop in motion, and stays when they continue elsewhere",
         setpoints
     ),
     case!(
         late,
-        "neither follows setpoints that come too late nor is upset by them",
+        "does not follow setpoints that arrive too late, and continues after them",
         setpoints
     ),
     case!(
         due_times,
-        "refuses due times that are long past, far ahead or go backwards, and follows those after them",
+        "rejects due times that are long past, far ahead or go backwards, and follows those after them",
         setpoints
     ),
     case!(
         jump,
-        "refuses a setpoint that no axis can reach, and those that continue it",
+        "rejects a setpoint that no axis can reach, and those that continue it",
         setpoints
     ),
-    case!(not_finite, "refuses numbers that are none", setpoints),
+    case!(not_finite, "rejects numbers that are not finite", setpoints),
     case!(
         version,
-        "follows nobody who speaks another interface version",
+        "does not follow a core with another interface version",
         false,
         false
     ),
     case!(
         datum,
-        "names positions anew without motion when the datum changes",
+        "reports positions in a changed datum without motion",
         false,
         false
     ),
     case!(
         core_restart,
-        "finds a core that was ended and started again at any moment",
+        "finds a core that was restarted at any moment",
         false,
         false
     ),
     case!(
         bridge_restart,
-        "ended and started again at any moment it is another instance and comes up again",
+        "restarts at any moment, as another instance, and resumes operation",
         false,
         false
     ),
@@ -298,40 +298,40 @@ pub const CASES: [Case; 29] = [
     ),
     case!(
         bridge_kill,
-        "killed at any moment it leaves nothing that keeps the next one from coming up",
+        "leaves nothing that prevents the next one from starting when it is killed at any moment",
         true,
         false
     ),
     case!(
         inputs,
-        "sends its inputs in order, with fresh times and finite values, ten times a second at least",
+        "sends its inputs in order, with current times and finite values, at least ten times a second",
         signals
     ),
     case!(
         output_due,
-        "sets outputs when they are due and not when they come, and tells which it has set last",
+        "sets outputs when they are due, not when they arrive, and reports which it has set last",
         signals
     ),
     case!(
         output_safe,
-        "sets the safe values by itself within 200 ms where its core falls silent, and follows the next one",
+        "sets the safe values within 200 ms after its core falls silent, and follows the next core",
         signals
     ),
     case!(
         spindle_angle,
-        "sends the angle of its spindle with the time, of one sign with the speed, and says at speed only \
-         when it is",
+        "sends the angle of its spindle with the time, with the sign of the speed, and reports at speed \
+         only when it is",
         spindle
     ),
     case!(
         spindle_safe,
-        "stops its spindle where the core falls silent, and turns it for the next one",
+        "stops its spindle when the core falls silent, and turns it for the next core",
         spindle
     ),
     case!(
         probe,
-        "tells when its probe has tripped, how often, and where the drives have latched it, and when it \
-         opens",
+        "reports when its probe has tripped, how often, the positions that the drives have latched, and \
+         when it opens",
         probe
     ),
 ];
@@ -383,17 +383,17 @@ pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<Outcome, CaseError
 /// Returns why a case cannot be run on this stage, if it cannot.
 fn why_left_out(case: &Case, stage: &Stage<'_>) -> Option<&'static str> {
     if case.kills_bridge && !stage.bridge.can_be_killed() {
-        return Some("the bridge is no process of its own, which could be killed");
+        return Some("the bridge is not a separate process, so it cannot be killed");
     }
     if case.kills_core && stage.core_program.is_none() {
-        return Some("there is no program whose core could be killed");
+        return Some("no program is given whose core could be killed");
     }
     let option = match case.part {
         part if stage.parts.contains(&part) => return None,
         Part::Axes => return None,
         Part::Signals => "needs --signals, and output 0 wired to input 0",
         Part::Spindle => "needs --spindle, and a spindle 0 that may turn",
-        Part::Probe => "needs --probe, and a touch probe that the first axis may drive against something",
+        Part::Probe => "needs --probe, and a touch probe that the first axis may move into a surface",
     };
     Some(option)
 }

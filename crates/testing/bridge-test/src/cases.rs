@@ -94,7 +94,7 @@ pub(crate) fn feedback(stage: &mut Stage<'_>) -> Judged {
     let log = core.take_log();
     let expected = (monotonic_ns() - begin_ns) / PERIOD_NS;
     demand(log.len() as u64 >= expected * 8 / 10, || {
-        format!("{} answers to {expected} setpoints", log.len())
+        format!("{} replies to {expected} setpoints", log.len())
     })?;
     let mut last: Option<Seen> = None;
     let mut stale = 0;
@@ -107,10 +107,10 @@ pub(crate) fn feedback(stage: &mut Stage<'_>) -> Judged {
         stale += u32::from(seen.now_ns.abs_diff(feedback.time_ns) > 100_000_000);
         if let Some(last) = last {
             demand(feedback.sequence >= last.feedback.sequence, || {
-                format!("answers {} after {}", feedback.sequence, last.feedback.sequence)
+                format!("reply {} after {}", feedback.sequence, last.feedback.sequence)
             })?;
             demand(feedback.time_ns > last.feedback.time_ns, || {
-                "time_ns does not grow".to_owned()
+                "time_ns does not increase".to_owned()
             })?;
             demand(feedback.instance == last.feedback.instance, || {
                 "the instance changes without a restart".to_owned()
@@ -166,7 +166,7 @@ pub(crate) fn quick_stop(stage: &mut Stage<'_>) -> Judged {
     let took_ns = first.map_or(u64::MAX, |seen| seen.feedback.time_ns.saturating_sub(asked_ns));
     demand(took_ns <= AT_ONCE_NS, || {
         format!(
-            "a quick stop showed after {} ms, when it was due, and not at once",
+            "a quick stop took effect after {} ms, when it was due, and not at once",
             took_ns / 1_000_000
         )
     })?;
@@ -224,7 +224,7 @@ pub(crate) fn new_core_reset(stage: &mut Stage<'_>) -> Judged {
     let after = core.feedback().map_or(0, faults);
     demand(after >= before, || {
         format!(
-            "a core that began with {BEGUN_RESETS} resets has reset the fault of a drive; {}",
+            "a core that started with {BEGUN_RESETS} resets has reset the fault of a drive; {}",
             core.describe()
         )
     })?;
@@ -271,7 +271,7 @@ pub(crate) fn silent_start(stage: &mut Stage<'_>) -> Judged {
     let follows_nobody = log.last().is_some_and(|seen| !is_following(&seen.feedback));
     demand(follows_nobody, || {
         format!(
-            "says that it follows 1.5 s after the last setpoint; {}",
+            "reports that it follows 1.5 s after the last setpoint; {}",
             core.describe()
         )
     })?;
@@ -322,7 +322,7 @@ pub(crate) fn datum(stage: &mut Stage<'_>) -> Judged {
         .map(|seen| seen.feedback.velocity[0].abs())
         .fold(0.0, f64::max);
     demand(fastest < 1.0, || {
-        format!("the axis moved at {fastest:.3} mm/s for a new name")
+        format!("the axis moved at {fastest:.3} mm/s when only the datum changed")
     })?;
     follows(&mut core)
 }
@@ -380,7 +380,7 @@ pub(crate) fn core_kill(stage: &mut Stage<'_>) -> Judged {
     let program = stage
         .core_program
         .clone()
-        .ok_or_else(|| CaseError::new("no program to play the core"))?;
+        .ok_or_else(|| CaseError::new("no program that runs the core"))?;
     stage.start_bridge()?;
     let mut before = 0.0;
     for _ in 0..stage.moments {

@@ -51,7 +51,7 @@ fn open(stage: &mut Stage<'_>) -> Result<TestCore, CaseError> {
             return Ok(core);
         }
         demand(monotonic_ns() - begin_ns < (LATEST_S * 1e9) as u64, || {
-            let said = state.map_or("no inputs come".to_owned(), |state| {
+            let said = state.map_or("no inputs arrive".to_owned(), |state| {
                 format!("its state is {state}")
             });
             format!(
@@ -93,7 +93,7 @@ fn judge_messages(inputs: &[MachineInputs]) -> Judged {
         })?;
         demand(message.probe_time_ns <= message.time_ns + STAMP_NS, || {
             let late = message.probe_time_ns - message.time_ns;
-            format!("the probe changes {late} ns after the message that tells it")
+            format!("the probe changes {late} ns after the message that reports it")
         })?;
     }
     for pair in inputs.windows(2) {
@@ -106,7 +106,7 @@ fn judge_messages(inputs: &[MachineInputs]) -> Judged {
         })?;
         let has_tripped = next.probe == TRIPPED && before.probe == OPEN;
         demand(!has_tripped || next.probe_trips > before.probe_trips, || {
-            "the probe trips, and probe_trips does not grow".to_owned()
+            "the probe trips, and probe_trips does not increase".to_owned()
         })?;
         let is_same = next.probe == before.probe && next.probe_trips == before.probe_trips;
         demand(!is_same || next.probe_time_ns == before.probe_time_ns, || {
@@ -150,7 +150,7 @@ fn contact(approach: &Approach) -> Result<f64, CaseError> {
         let way = approach.speed * (to_ns - from_ns) as f64 * 1e-9;
         if (to - from - way).abs() > 0.1 * way + SAME {
             return Err(CaseError::unmeasured(format!(
-                "{:.3} mm in place of {way:.3} mm around the contact",
+                "{:.3} mm instead of {way:.3} mm around the contact",
                 to - from
             )));
         }
@@ -175,7 +175,7 @@ fn go_back(core: &mut TestCore, start: f64) -> Judged {
     judge_messages(&all)?;
     demand(
         newest(&inputs).is_some_and(|message| message.probe == OPEN),
-        || "the probe is still tripped where it touched nothing before".to_owned(),
+        || "the probe is still tripped at a position where it touched nothing before".to_owned(),
     )
 }
 

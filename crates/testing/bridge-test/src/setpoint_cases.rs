@@ -64,10 +64,10 @@ pub(crate) fn silence(stage: &mut Stage<'_>) -> Judged {
         .copied()
         .ok_or_else(|| CaseError::new("no feedback any more without setpoints"))?;
     demand(has_stopped(&seen), || {
-        format!("does not stand 1 s after the last setpoint; {}", core.describe())
+        format!("is not at rest 1 s after the last setpoint; {}", core.describe())
     })?;
     let way = (seen.position[0] - from).abs();
-    demand(way <= WAY / 2.0 + ALONE, || format!("went {way:.3} by itself"))?;
+    demand(way <= WAY / 2.0 + ALONE, || format!("moved {way:.3} by itself"))?;
     // The core continues from another position as if nothing had happened.
     let _before = core.take_log();
     core.rest_with(0.5, &mut |setpoint| {
@@ -100,7 +100,7 @@ pub(crate) fn late(stage: &mut Stage<'_>) -> Judged {
         let moved = extent(&core.take_log());
         demand(moved <= CLOSE, || {
             format!(
-                "followed setpoints that came {} ms late for {moved:.3}",
+                "followed setpoints that arrived {} ms late for {moved:.3}",
                 late_ns / 1_000_000
             )
         })?;
@@ -239,7 +239,7 @@ pub(crate) fn jump(stage: &mut Stage<'_>) -> Judged {
     let moved = extent(&core.take_log());
     demand(moved <= WAY / 2.0 + ROLLING, || {
         format!(
-            "went {moved:.3} in a move with a jump by {JUMP} mm after {} mm",
+            "moved {moved:.3} in a move with a jump by {JUMP} mm after {} mm",
             WAY / 2.0
         )
     })?;
@@ -262,11 +262,11 @@ pub(crate) fn not_finite(stage: &mut Stage<'_>) -> Judged {
     });
     let log = core.take_log();
     demand(log.iter().all(|seen| seen.feedback.is_finite()), || {
-        "answers with a number that is not finite".to_owned()
+        "replies with a number that is not finite".to_owned()
     })?;
     let moved = extent(&log);
     demand(moved <= CLOSE, || {
-        format!("moved by {moved:.3} at numbers that are none")
+        format!("moved by {moved:.3} at numbers that are not finite")
     })?;
     core.bring_up()?;
     follows(&mut core)

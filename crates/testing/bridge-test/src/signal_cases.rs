@@ -26,7 +26,7 @@ fn signalling(stage: &mut Stage<'_>) -> Result<TestCore, CaseError> {
     while core.take_inputs().is_empty() {
         core.rest(0.05);
         demand(monotonic_ns() - begin_ns < (LATEST_S * 1e9) as u64, || {
-            "no inputs come; a bridge without any is tested without --signals".to_owned()
+            "no inputs arrive; a bridge without inputs is tested without --signals".to_owned()
         })?;
     }
     Ok(core)
@@ -49,7 +49,7 @@ pub(crate) fn inputs(stage: &mut Stage<'_>) -> Judged {
             format!("input message {} after {}", message.sequence, before.sequence)
         })?;
         demand(message.time_ns > before.time_ns, || {
-            "time_ns of inputs does not grow".to_owned()
+            "time_ns of inputs does not increase".to_owned()
         })?;
         demand(message.instance == before.instance, || {
             "the instance changes without a restart".to_owned()
@@ -58,7 +58,7 @@ pub(crate) fn inputs(stage: &mut Stage<'_>) -> Judged {
             "an analog input that is not finite".to_owned()
         })?;
         demand(message.digital & !message.digital_mask == 0, || {
-            "digital inputs are on that were not read".to_owned()
+            "digital inputs that were not read are on".to_owned()
         })?;
         stale += usize::from(now_ns.abs_diff(message.time_ns) > 100_000_000);
     }
@@ -99,7 +99,7 @@ pub(crate) fn output_due(stage: &mut Stage<'_>) -> Judged {
         let late_ns = wanted.due_time_ns + READING_NS;
         let last = log.iter().rfind(|(_, message)| message.time_ns > late_ns);
         let Some((_, last)) = last else {
-            return Err(CaseError::new("no inputs come behind a change of outputs"));
+            return Err(CaseError::new("no inputs arrive after a change of outputs"));
         };
         demand(is_set(last), || {
             format!(
@@ -131,7 +131,7 @@ fn longest_gap_ns(times_ns: impl Iterator<Item = u64>) -> u64 {
 /// judged.
 fn judge_safe(left_ns: u64, inputs: &[(u64, MachineInputs)], feedback: &[Seen]) -> Judged {
     demand(inputs.len() >= 3, || {
-        "no inputs come while the core is silent".to_owned()
+        "no inputs arrive while the core is silent".to_owned()
     })?;
     let is_on = |(_, message): &(u64, MachineInputs)| message.digital & 1 == 1;
     let safe_at = inputs.iter().rposition(is_on).map_or(0, |last_on| last_on + 1);
@@ -143,7 +143,8 @@ fn judge_safe(left_ns: u64, inputs: &[(u64, MachineInputs)], feedback: &[Seen]) 
         return demand(safe_at == seen_at, || {
             let heard_ms = after_ns as f64 * 1e-6;
             format!(
-                "the last input comes {heard_ms:.0} ms after the last message of the core, and output 0 is on"
+                "the last input arrives {heard_ms:.0} ms after the last message of the core, and output 0 is \
+                 on"
             )
         });
     }
@@ -177,7 +178,7 @@ pub(crate) fn output_safe(stage: &mut Stage<'_>) -> Judged {
     core.rest(0.8);
     let on = core.take_inputs().pop();
     demand(on.is_some_and(|(_, message)| message.digital & 1 == 1), || {
-        "output 0 does not come on, as input 0 says".to_owned()
+        "output 0 does not switch on, as input 0 shows".to_owned()
     })?;
     core.take_log();
     let left_ns = core.outputs_left_ns();
@@ -188,7 +189,7 @@ pub(crate) fn output_safe(stage: &mut Stage<'_>) -> Judged {
     core.rest(0.8);
     let again = core.take_inputs().pop();
     demand(again.is_some_and(|(_, message)| message.digital & 1 == 1), || {
-        "output 0 stays off after the core is heard again".to_owned()
+        "output 0 stays off after the core sends again".to_owned()
     })
 }
 

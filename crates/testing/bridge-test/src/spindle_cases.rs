@@ -54,7 +54,7 @@ fn judge_messages(log: &[(u64, SpindleFeedback)]) -> Judged {
             format!("spindle message {} after {}", next.sequence, before.sequence)
         })?;
         demand(next.time_ns > before.time_ns, || {
-            "time_ns of the spindle does not grow".to_owned()
+            "time_ns of the spindle does not increase".to_owned()
         })?;
         demand(next.instance == before.instance, || {
             "the instance of the spindle changes without a restart".to_owned()
@@ -94,7 +94,7 @@ fn judge_at_speed(log: &[(u64, SpindleFeedback)], since: u64, rpm: f64) -> Judge
             let speed = speed_between(from, message);
             let is_close = (speed - rpm).abs() <= (2.0 * NEAR * rpm.abs()).max(2.0 * STANDING_RPM);
             demand(is_close, || {
-                format!("at speed, and the angle goes by {speed:.1} rpm of {rpm}")
+                format!("at speed, and the angle turns at {speed:.1} rpm of {rpm}")
             })?;
         }
     }
@@ -136,18 +136,18 @@ fn judge_steady(log: &[(u64, SpindleFeedback)], rpm: f64) -> Judged {
         })
         .collect();
     let (Some((_, first)), Some((_, last))) = (log.first(), log.last()) else {
-        return Err(CaseError::new("no angle comes while the spindle turns"));
+        return Err(CaseError::new("no angle arrives while the spindle turns"));
     };
     demand(log.len() >= 20, || {
         format!("{} messages of the spindle in half a second", log.len())
     })?;
     let mean = speed_between(first, last);
     demand((mean - rpm).abs() <= NEAR * rpm.abs(), || {
-        format!("the angle goes by {mean:.1} rpm at {rpm} rpm")
+        format!("the angle turns at {mean:.1} rpm instead of {rpm} rpm")
     })?;
     let said = log.iter().map(|(_, message)| message.speed_rpm).sum::<f64>() / log.len() as f64;
     demand((said - mean).abs() <= 0.05 * rpm.abs(), || {
-        format!("speed_rpm is {said:.1}, and the angle goes by {mean:.1} rpm")
+        format!("speed_rpm is {said:.1}, and the angle turns at {mean:.1} rpm")
     })?;
     let off = |message: &SpindleFeedback| {
         let seconds = message.time_ns.saturating_sub(first.time_ns) as f64 * 1e-9;
@@ -156,7 +156,7 @@ fn judge_steady(log: &[(u64, SpindleFeedback)], rpm: f64) -> Judged {
     let unsteady = log.iter().filter(|(_, message)| off(message) > STEADY).count();
     demand(unsteady * 50 <= log.len(), || {
         let all = log.len();
-        format!("{unsteady} of {all} angles are not where an even speed has them at their time_ns")
+        format!("{unsteady} of {all} angles differ from those of an even speed at their time_ns")
     })
 }
 
@@ -204,7 +204,7 @@ pub(crate) fn spindle_safe(stage: &mut Stage<'_>) -> Judged {
         let last = log.last().map(|(_, message): &(u64, SpindleFeedback)| *message);
         let is_heard = |last: &SpindleFeedback| monotonic_ns().saturating_sub(last.time_ns) < 500_000_000;
         let Some(last) = last.filter(is_heard) else {
-            return Err(CaseError::new("no angle comes while the core is silent"));
+            return Err(CaseError::new("no angle arrives while the core is silent"));
         };
         let before = log
             .iter()

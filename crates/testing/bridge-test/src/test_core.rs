@@ -442,7 +442,7 @@ impl TestCore {
                 .map(|state| state.map_or("unknown".to_owned(), |state| format!("{state:?}")))
                 .collect();
             format!(
-                "bridge state {}, note {}, drives {}, missed {}, answers setpoint {} of {}",
+                "bridge state {}, note {}, drives {}, missed {}, replied to setpoint {} of {}",
                 feedback.bridge_state,
                 feedback.note,
                 drives.join(" "),

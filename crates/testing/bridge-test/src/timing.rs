@@ -146,7 +146,7 @@ fn judge_motion(plan: &[Planned], log: &[Seen]) -> Judged {
         format!("the axis follows {:.1} ms after setpoints were due", ms(late_ns))
     })?;
     demand_in_time(off <= CLOSE, STANDING_NS, log, || {
-        format!("the axis is {off:.3} from the path of the setpoints in the mean")
+        format!("the axis is {off:.3} from the path of the setpoints on average")
     })
 }
 

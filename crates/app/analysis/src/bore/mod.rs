@@ -125,7 +125,7 @@ pub enum BoreError {
     /// it.
     #[error(
         "allowance {allowance_mm} is wider than the tool of {tool_mm} mm: finishing would leave a ring of \
-         {:.3} mm standing; give at most {tool_mm}, or use a larger tool",
+         {:.3} mm; give at most {tool_mm}, or use a larger tool",
         .allowance_mm - .tool_mm
     )]
     Ring {
@@ -137,13 +137,13 @@ pub enum BoreError {
     /// The tool would move down into material at the start of finishing.
     #[error(
         "{option}: finishing would start {distance_mm:.3} mm from the hole's centre and move down into \
-         material: roughing with an allowance of {allowance_mm} mm has cut room for the tool {}; start \
+         material: roughing with an allowance of {allowance_mm} mm has cleared space for the tool {}; start \
          there{}",
         range(*.cleared_mm),
         if *.distance_mm > .cleared_mm[1] {
             ", or give a smaller --allowance"
         } else {
-            ", or rough first and finish with --finish-only where a drilled hole has the room"
+            ", or rough first and finish with --finish-only where a drilled hole has the space"
         }
     )]
     FinishStart {

@@ -250,7 +250,7 @@ fn notes(points: &[LobePoint], missing: &[(f64, NoLimit)]) -> Vec<String> {
         ),
         (
             of(&|reason| matches!(reason, NoLimit::Error(ChatterError::Growth { .. }))),
-            "below its limit a disturbance grows beyond all measure before it dies out",
+            "below its limit a disturbance grows by too large a factor before it dies out",
         ),
     ];
     for (speeds, why) in reasons {

@@ -56,7 +56,7 @@ impl ChatterWarning {
         let what = match self.verdict {
             "bistable" => "may be set vibrating by an impulse",
             "self-excited" => "is predicted to vibrate by itself",
-            _ => "is predicted to vibrate, beyond what the model can tell",
+            _ => "is predicted to vibrate, beyond the range of the model",
         };
         let stable: Vec<String> = self
             .stable_rpm
@@ -137,7 +137,7 @@ pub fn chatter_warnings(
     let usage = |what: &str| AnalysisError::Input(format!("{}: {what}", case_file.display()));
     if setup.machine.kind != MachineKind::Lathe {
         return Err(usage(
-            "predictions of --process are for turning, and this machine is no lathe",
+            "predictions of --process are for turning, and this machine is not a lathe",
         ));
     }
     let case = read_chatter_case(case_file)?;

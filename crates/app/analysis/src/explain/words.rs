@@ -79,7 +79,7 @@ fn reason(place: &Place, side: Option<&Neighbour>, program: &Surroundings) -> Op
     let line = side.block.line;
     if let Some((line, what)) = &side.rest {
         return Some(format!(
-            "{speed} at its {name}: line {line} is {what}, for which the axes stand still"
+            "{speed} at its {name}: line {line} is {what}, during which the axes are at rest"
         ));
     }
     let joint = side.corner;

@@ -163,7 +163,7 @@ impl RateReport {
         }
         if rate.rate_hz < MIN_RATE_HZ {
             lines.push(format!(
-                "  the minimum rate of the loop is {MIN_RATE_HZ} Hz, so it would run at that"
+                "  the minimum rate of the loop is {MIN_RATE_HZ} Hz, so the loop would run at that rate"
             ));
         } else if rate.rate_hz > MAX_RATE_HZ {
             lines.push(format!(

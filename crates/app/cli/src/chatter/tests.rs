@@ -440,7 +440,7 @@ fn a_depth_that_the_cycle_gives_counts() {
 fn predictions_for_turning_are_refused_on_a_mill() {
     let case = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
     let refused = warned(SHAFT, "machines/mill-3axis", &case);
-    assert!(matches!(refused, Err(AnalysisError::Input(message)) if message.contains("no lathe")));
+    assert!(matches!(refused, Err(AnalysisError::Input(message)) if message.contains("is not a lathe")));
 }
 
 #[test]

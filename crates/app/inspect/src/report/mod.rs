@@ -24,7 +24,7 @@ pub enum ReportError {
     #[error(transparent)]
     Inspect(#[from] InspectError),
     /// The page cannot be written.
-    #[error("{} cannot be written: {source}; free some space or name another file with -o", .path.display())]
+    #[error("{} cannot be written: {source}; free some space or give another file with -o", .path.display())]
     Write {
         /// Where to.
         path: PathBuf,

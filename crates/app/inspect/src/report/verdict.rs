@@ -155,7 +155,7 @@ fn completeness(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, Str
         say(
             Gravity::Bad,
             format!(
-                "{} cycles are missing in {} gaps: the pictures are blank there.",
+                "{} cycles are missing in {} gaps: the plots are blank there.",
                 g.counts.missing,
                 g.counts.gaps.len()
             ),
@@ -207,9 +207,8 @@ fn limits(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) 
     say(
         Gravity::Good,
         format!(
-            "Every axis kept its travel, velocity, acceleration and jerk, by differences of the recorded \
-             positions; the \
-             closest was {:.1} % of a limit ({}).",
+            "Every axis was within its travel, velocity, acceleration and jerk, by differences of the \
+             recorded positions; the closest was {:.1} % of a limit ({}).",
             100.0 * worst.0,
             if worst.1.is_empty() {
                 "nothing moved"

@@ -142,7 +142,7 @@ fn explain_surroundings(opened: &Opened, verified: &mut Verified) {
     if !info.recovery.is_empty() {
         let damaged = info.damaged_places();
         let lost = if damaged > 0 {
-            format!("{damaged} damaged places were left out")
+            format!("{damaged} damaged places were skipped")
         } else {
             "its end may be missing".to_owned()
         };

@@ -105,9 +105,9 @@ impl<'a> Watch<'a> {
         }
         if let Some(missed) = self.first_missed.filter(|missed| first >= *missed) {
             verified.explanations.push(format!(
-                "the planner of the recorded run was late in motion at cycle {missed}, with the answer to \
-                 another override or with what follows a window: traces of version 0.1 may not tell enough \
-                 of that to recompute it"
+                "the planner of the recorded run was late in motion at cycle {missed}, with the reply to \
+                 another override or with the continuation of a window: traces of version 0.1 may not \
+                 contain enough of that to recompute it"
             ));
         }
     }
