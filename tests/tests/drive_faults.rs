@@ -1,6 +1,7 @@
 //! A served machine with simulated drives that fail, over the real bus and in real time. Every kind of fault,
 //! at random moments, ends at rest with the alarm that names it. `evolvent-bridge-sim` tests each kind at 50
 //! random moments in simulated time.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::sync::Mutex;
 use std::time::Instant;
