@@ -124,7 +124,7 @@ fn a_gantry_router_in_inches_is_imported_and_runs() {
         "joints 1 and 2 both drive Y",
         "different backlash",
         "hm2_eth (a Mesa Ethernet board)",
-        "it connects a touch probe (motion.probe-input): G38 is refused until the machine file has [probe]",
+        "it connects a touch probe (motion.probe-input): G38 is rejected until the machine file has [probe]",
         "that to Mesa boards has no probe input",
         "not remapped",
     ] {
@@ -186,7 +186,7 @@ fn unsupported_configurations_are_rejected_by_line() {
         ("[AXIS_0]\nTYPE = LINEAR\n", "update_ini"),
         (
             "[KINS]\nKINEMATICS = trivkins\n[TRAJ]\nCOORDINATES = X\n[AXIS_X]\nMIN_LIMIT = zero\n",
-            "bad.ini:6: [AXIS_X] MIN_LIMIT = \"zero\" is no number",
+            "bad.ini:6: [AXIS_X] MIN_LIMIT = \"zero\" is not a number",
         ),
     ];
     for (text, expected) in cases {
@@ -213,7 +213,7 @@ fn backlash_and_screw_errors_are_imported_and_applied() {
     let machine = workshop.folder().join("mill.toml");
     let report = import(&ini, &machine).expect_code(&[0]).json();
     let dropped = report["dropped"].to_string();
-    assert!(dropped.contains("no effect beside COMP_FILE"), "{dropped}");
+    assert!(dropped.contains("no effect together with COMP_FILE"), "{dropped}");
     let file = std::fs::read_to_string(&machine).expect("a machine file");
     for line in ["backlash_mm = 0.0254", "screw_table = \"mill-y.csv\""] {
         assert!(

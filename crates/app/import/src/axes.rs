@@ -142,7 +142,7 @@ fn joints(ini: &mut Ini) -> Result<Vec<(AxisLetter, Vec<usize>)>, ImportError> {
     if module != "trivkins" {
         return Err(kinematics.error(
             format!("kinematics {module:?}: only trivkins can be carried over"),
-            "Evolvent drives machines in which each letter is an axis of its own",
+            "Evolvent drives machines in which each letter is a separate axis",
         ));
     }
     let parse = |text: &str| -> Result<Vec<AxisLetter>, ImportError> {
@@ -150,7 +150,7 @@ fn joints(ini: &mut Ini) -> Result<Vec<(AxisLetter, Vec<usize>)>, ImportError> {
         letters
             .map(|c| {
                 AxisLetter::from_letter(c.to_ascii_uppercase())
-                    .ok_or_else(|| kinematics.error(format!("{c:?} is no axis"), "use X Y Z A B C U V W"))
+                    .ok_or_else(|| kinematics.error(format!("{c:?} is not an axis"), "use X Y Z A B C U V W"))
             })
             .collect()
     };
@@ -337,7 +337,7 @@ fn limit(
         return Ok(DEFAULT_LIMIT);
     };
     if value > MAX_LIMIT {
-        let text = format!("{MAX_LIMIT} units: {key} has no bound; enter the machine's limit");
+        let text = format!("{MAX_LIMIT} units: {key} is not limited; enter the machine's limit");
         report.choose(format!("{} of {name}", key.to_ascii_lowercase()), text);
         return Ok(MAX_LIMIT);
     }
@@ -366,7 +366,7 @@ fn homing(
         let what = format!("[{joint}] HOME_OFFSET of {name} is {}", reference / unit);
         return Err(ini.missing(
             what,
-            "no machine is so large: enter where its home switch or index pulse is",
+            "this is beyond the size of a machine: enter the position of its home switch or index pulse",
         ));
     }
     let method = homing_method(ini, joint, search, latch);
@@ -386,9 +386,9 @@ fn homing(
             "switch_mm"
         };
         let reason = format!(
-            "its sign is not carried over: LinuxCNC takes the edge at which the switch opens, Evolvent that \
-             at which it closes in a second approach; correct {key} by the distance of both, or touch off \
-             again"
+            "its sign is not carried over: LinuxCNC uses the edge at which the switch opens, Evolvent the \
+             edge at which it closes in a second approach; correct {key} by the distance between the two, \
+             or touch off again"
         );
         drop_entry(report, &entry, &reason);
     }
@@ -419,10 +419,7 @@ fn homing(
     if is_searched && (latch == 0.0 || latch > speed) {
         report.choose(
             format!("latch of {name}"),
-            format!(
-                "{}: HOME_LATCH_VEL is 0 or above the speed of the search",
-                tidy(speed)
-            ),
+            format!("{}: HOME_LATCH_VEL is 0 or above the search speed", tidy(speed)),
         );
     }
     let has_index = matches!(method, HomingMethod::SwitchIndex { .. } | HomingMethod::Index);
@@ -436,8 +433,8 @@ fn homing(
         report.choose(
             format!("index_within of {name}"),
             format!(
-                "{}: LinuxCNC has no bound; enter a little more than the way from one index pulse to the \
-                 next",
+                "{}: LinuxCNC has no limit; enter slightly more than the distance from one index pulse \
+                 to the next",
                 tidy(within)
             ),
         );

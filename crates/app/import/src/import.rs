@@ -96,7 +96,7 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
             Ok(table.to_text())
         }),
         parameters: table(&settings.parameters, "var", &|text| {
-            let fault = |line| format!("line {line} is no number of a parameter with its value");
+            let fault = |line| format!("line {line} is not a parameter number with a value");
             tables::parameters(text, units.linear).map_err(fault)
         })
         .or(new_parameters),
@@ -165,7 +165,11 @@ fn machine_file(
     for (letter, _) in &names.screws {
         let axis = axes.iter().find(|axis| axis.letter == *letter);
         for entry in axis.iter().flat_map(|axis| &axis.screws.backlash_entries) {
-            drop_entry(report, entry, "it has no effect beside COMP_FILE, as in LinuxCNC");
+            drop_entry(
+                report,
+                entry,
+                "it has no effect together with COMP_FILE, as in LinuxCNC",
+            );
         }
     }
     Ok(machine)
@@ -228,7 +232,7 @@ fn drop_odd_lines(
         drop_entry(
             report,
             entry,
-            &format!("{more} more lines of the tool table are none"),
+            &format!("{more} more lines are not valid lines of a tool table"),
         );
     }
 }
@@ -304,9 +308,9 @@ fn leave_out(ini: &mut Ini, report: &mut Report) {
         };
         if connects_probe(&file) {
             reason.push_str(
-                "; it connects a touch probe (motion.probe-input): G38 is refused until the machine file \
-                 has [probe], and a bridge has to report it, as that to EtherCAT drives does (touch_probe); \
-                 that to Mesa boards has no probe input",
+                "; it connects a touch probe (motion.probe-input): G38 is rejected until the machine file \
+                 has [probe] and a bridge reports the probe: the EtherCAT bridge does (touch_probe), the \
+                 Mesa bridge has no probe input",
             );
         }
         drop_entry(report, &entry, &reason);
@@ -348,7 +352,7 @@ fn leave_out(ini: &mut Ini, report: &mut Report) {
             .and_then(|letter| of_second_motor(entry, *letter));
         let repeated = entry
             .is_repeated
-            .then(|| "the key is given twice: the first one counts, as in LinuxCNC".to_owned());
+            .then(|| "the key is given twice: the first one applies, as in LinuxCNC".to_owned());
         if let Some(reason) = repeated.or(second).or_else(|| reason(entry).map(str::to_owned)) {
             report.dropped.push(Dropped {
                 file: entry.file.display().to_string(),
@@ -368,7 +372,7 @@ fn of_second_motor(entry: &Entry, letter: char) -> Option<String> {
         return None;
     }
     let reason = if entry.key == "HOME_OFFSET" {
-        "the difference of both HOME_OFFSETs is squaring_offset there"
+        "the difference of the two HOME_OFFSETs is squaring_offset there"
     } else {
         "it has its own home switch there, and the beam is squared by both"
     };

@@ -51,8 +51,11 @@ impl Entry {
         match word.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(value),
             _ => Err(self.error(
-                format!("[{}] {} = {:?} is no number", self.section, self.key, self.value),
-                "write a decimal number",
+                format!(
+                    "[{}] {} = {:?} is not a number",
+                    self.section, self.key, self.value
+                ),
+                "give a decimal number",
             )),
         }
     }
@@ -144,7 +147,7 @@ impl Ini {
             ));
         }
         if open.contains(&file) || open.len() >= MAX_DEPTH {
-            let what = format!("#INCLUDE {name}: files include one another without end");
+            let what = format!("#INCLUDE {name}: the includes form a cycle");
             return Err(fault(what, "remove one of the includes"));
         }
         match self.read_file(&file, section, open, report) {
@@ -196,7 +199,7 @@ impl Ini {
                 path: path.to_owned(),
                 line,
                 what: format!("more than {MAX_ENTRIES} lines"),
-                advice: "this is no configuration of a machine".to_owned(),
+                advice: "this is not a machine configuration".to_owned(),
             });
         }
         self.entries.push(Entry {

@@ -29,7 +29,7 @@ const KEYS: &[(&str, &str, &str)] = &[
     (
         "JOINT_",
         "HOME_USE_INDEX",
-        "the joint has neither a search nor a latch velocity: it is homed where it is",
+        "the joint has neither a search nor a latch velocity: it is homed at its present position",
     ),
     ("JOINT_", "HOME_ABSOLUTE_ENCODER", "the joint drives no axis"),
     (
@@ -50,12 +50,12 @@ const KEYS: &[(&str, &str, &str)] = &[
     (
         "JOINT_",
         "HOME_SEQUENCE",
-        "the axis has no home switch: it is homed where it is",
+        "the axis has no home switch: it is homed at its present position",
     ),
     (
         "JOINT_",
         "VOLATILE_HOME",
-        "homed is lost with the link to the drives",
+        "the homed state is lost with the link to the drives",
     ),
     ("JOINT_", "LOCKING_INDEXER", "locking indexers are not supported"),
     (
@@ -107,7 +107,7 @@ const KEYS: &[(&str, &str, &str)] = &[
         "POSITION_FILE",
         "positions are not kept while the power is off",
     ),
-    ("TRAJ", "HOME", "homes are those of the joints"),
+    ("TRAJ", "HOME", "home positions are those of the joints"),
     ("TRAJ", "PLANNER_TYPE", "one planner, limited in jerk"),
     (
         "EMCMOT",
@@ -123,7 +123,7 @@ const KEYS: &[(&str, &str, &str)] = &[
     (
         "EMCIO",
         "TOOL_CHANGE_",
-        "the place of tool changes: write the moves into a subroutine of program.tool_change \
+        "the position of tool changes: write the moves into a subroutine of program.tool_change \
          = \"subroutine\"",
     ),
     (
@@ -140,7 +140,7 @@ const KEYS: &[(&str, &str, &str)] = &[
     (
         "RS274NGC",
         "DISABLE_G92_PERSISTENCE",
-        "the offset of G92 is kept from run to run: write G92.1 at the beginning of programs",
+        "the offset of G92 persists from run to run: write G92.1 at the beginning of programs",
     ),
     (
         "RS274NGC",
@@ -164,7 +164,7 @@ const KEYS: &[(&str, &str, &str)] = &[
     (
         "SPINDLE_",
         "MAX_",
-        "[TRAJ] SPINDLES has no such spindle, or it is beyond the four of a machine file",
+        "[TRAJ] SPINDLES has no such spindle, or it exceeds the four of a machine file",
     ),
     (
         "JOINT_",

@@ -75,7 +75,7 @@ pub(crate) fn screws(
             "the joints that drive this axis have different backlash: enter that of the axis",
         );
     } else if !(0.0..=MAX_BACKLASH).contains(&(first * unit)) {
-        drop_all(entries, "this is no backlash of a machine");
+        drop_all(entries, "this is outside the range of the backlash of a machine");
     } else {
         // It has no effect if there is a table that can be converted.
         screws.backlash = Some(first * unit);
@@ -101,7 +101,7 @@ pub(crate) fn table(text: &str, is_trims: bool, unit: f64, is_rotary: bool) -> R
                 continue;
             }
             return Err(format!(
-                "line {} is not three numbers, or stands behind an empty line: LinuxCNC ends the table there",
+                "line {} is not three numbers, or follows an empty line, at which LinuxCNC ends the table",
                 end.unwrap_or(index) + 1
             ));
         };

@@ -216,7 +216,7 @@ fn start(ini: &mut Ini, mm_per_unit: f64, report: &mut Report) -> Start {
 fn choose_tolerance(report: &mut Report) {
     report.choose(
         "path.blend_tolerance_mm",
-        "0.01: the start-up code has no G64 P, where LinuxCNC rounds corners without a bound",
+        "0.01: the start-up code has no G64 P, where LinuxCNC rounds corners without a limit",
     );
 }
 
@@ -267,7 +267,7 @@ fn subroutines(ini: &mut Ini, report: &mut Report) -> Vec<PathBuf> {
             match folder.canonicalize() {
                 Ok(folder) if folder.is_dir() && !found.contains(&folder) => found.push(folder),
                 Ok(_) => {}
-                Err(_) => drop_entry(report, &entry, &format!("{} is not there", folder.display())),
+                Err(_) => drop_entry(report, &entry, &format!("{} does not exist", folder.display())),
             }
         }
     }
@@ -295,7 +295,7 @@ fn user_codes(ini: &mut Ini, report: &mut Report) -> Option<(PathBuf, Vec<u32>)>
                     report,
                     &entry,
                     &format!(
-                        "one folder of user-defined M codes: those of {} are left out",
+                        "one folder of user-defined M codes: those of {} are omitted",
                         folder.display()
                     ),
                 ),

@@ -64,8 +64,8 @@ fn count(ini: &mut Ini, report: &mut Report) -> Result<u32, ImportError> {
     let count = entry.number()?;
     if count.fract() != 0.0 || count < 0.0 {
         return Err(entry.error(
-            format!("[TRAJ] SPINDLES = {:?} is no number of spindles", entry.value),
-            "write a whole number",
+            format!("[TRAJ] SPINDLES = {:?} is not a number of spindles", entry.value),
+            "give a whole number",
         ));
     }
     if count > f64::from(MAX_SPINDLES) {
@@ -135,7 +135,7 @@ impl Limits {
             (Some(rpm), _) => (rpm, None),
             (None, Some(rpm)) => (
                 rpm,
-                Some("MAX_FORWARD_VELOCITY is missing: that of MAX_REVERSE_VELOCITY".to_owned()),
+                Some("MAX_FORWARD_VELOCITY is missing: the value of MAX_REVERSE_VELOCITY".to_owned()),
             ),
         };
         let within = rpm.clamp(*SPEEDS_RPM.start(), most);
@@ -144,7 +144,7 @@ impl Limits {
         }
         (
             within,
-            Some(format!("{rpm} rpm is outside what a machine file permits")),
+            Some(format!("{rpm} rpm is outside the range of a machine file")),
         )
     }
 }

@@ -80,7 +80,10 @@ fn backlash_is_used_if_the_screw_table_is_unreadable() {
     assert!(good.machine().contains("screw_table"), "{}", good.machine());
     assert!(!good.machine().contains("backlash"), "{}", good.machine());
     assert!(
-        matches!(&dropped(&good, "JOINT_0")[..], [(key, reason)] if key == "BACKLASH" && reason.contains("beside COMP_FILE")),
+        matches!(
+            &dropped(&good, "JOINT_0")[..],
+            [(key, reason)] if key == "BACKLASH" && reason.contains("together with COMP_FILE")
+        ),
         "{:?}",
         good.report()
     );
@@ -378,7 +381,7 @@ fn a_key_that_is_given_twice_is_named() {
     );
     let named = lines(&import, "AXIS_X");
     assert!(
-        matches!(&named[..], [(14, reason)] if reason.contains("the first one counts")),
+        matches!(&named[..], [(14, reason)] if reason.contains("the first one applies")),
         "{named:?}"
     );
 }

@@ -114,7 +114,7 @@ pub fn bare_loop(
         thread
             .map_err(|cause| failed(&cause))?
             .join()
-            .map_err(|_| failed(&"the thread died"))
+            .map_err(|_| failed(&"the thread ended unexpectedly"))
     })
 }
 
@@ -510,7 +510,7 @@ fn bus() -> Finding {
             "bus",
             cause,
             Verdict::Bad,
-            "see the cause; runs need `--no-bus` until it is gone",
+            "remove the cause; until then runs need `--no-bus`",
         ),
     }
 }
