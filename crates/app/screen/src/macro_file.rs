@@ -65,7 +65,11 @@ pub fn parse_macros(text: &str, file: &str) -> Result<Vec<MacroButton>, ConfigEr
         entry.check(&document, &format!("macro[{i}]"))?;
         if read.macros[..i].iter().any(|other| other.name == entry.name) {
             let what = format!("another macro is named `{}`", entry.name);
-            return Err(document.error(&format!("macro[{i}].name"), what, "give each a name of its own"));
+            return Err(document.error(
+                &format!("macro[{i}].name"),
+                what,
+                "give each macro a different name",
+            ));
         }
     }
     let button = |entry: MacroEntry| MacroButton {
@@ -85,7 +89,7 @@ impl MacroEntry {
             let advice = format!("give 1 to {MAX_NAME} characters in one line");
             return error(
                 &format!("{key}.name"),
-                format!("`{}` is no name", self.name.escape_debug()),
+                format!("`{}` is not a name", self.name.escape_debug()),
                 advice,
             );
         }
@@ -105,7 +109,7 @@ impl MacroEntry {
         for (i, block) in self.blocks.iter().enumerate() {
             let is_block = !block.trim().is_empty() && block.len() <= MAX_BLOCK;
             if !is_block || block.chars().any(char::is_control) {
-                let what = format!("block {} is no block of MDI", i + 1);
+                let what = format!("block {} is not a block of MDI", i + 1);
                 let advice = format!("give one line of 1 to {MAX_BLOCK} bytes, such as \"G53 G0 Z0\"");
                 return error(&format!("{key}.blocks"), what, advice);
             }

@@ -47,7 +47,7 @@ pub(crate) async fn restart(
     // There may be many lines before it, with long loops, so one page is served at a time.
     let turn = tokio::time::timeout(TURN, Arc::clone(&server.restarts).acquire_owned()).await;
     let Ok(Ok(turn)) = turn else {
-        let text = "the way to another line is being worked out; try again when it is there";
+        let text = "the approach to another line is being computed; try again afterwards";
         return (StatusCode::TOO_MANY_REQUESTS, text).into_response();
     };
     let (sender, mut receiver) = oneshot::channel();

@@ -266,8 +266,8 @@ impl<'a> Room<'a> {
         let needed = bytes.saturating_add(before).saturating_add(RESERVE);
         if free < needed {
             let text = format!(
-                "it is being written, and the disk of the state folder has no room for a copy of it: {} MiB \
-                 are free, {} MiB needed; read it when it has ended",
+                "it is being written, and the disk of the state folder has no space for a copy of it: {} \
+                 MiB are free, {} MiB needed; read it when it has ended",
                 free >> 20,
                 needed >> 20
             );

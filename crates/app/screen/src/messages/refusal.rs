@@ -42,19 +42,19 @@ impl Refusal {
         match self {
             Self::WatchOnly => "this page may only watch",
             Self::NoControl => "this page does not have control; take it first",
-            Self::LostControl => "this page has lost control meanwhile; the command was not sent",
-            Self::OutOfDate => "the page was out of date; look at the machine and press again",
+            Self::LostControl => "this page lost control in the meantime; the command was not sent",
+            Self::OutOfDate => "the page was out of date; check the machine and press again",
             Self::JogEnded => "the jog has ended; press again",
             Self::TooLate => "the command arrived too late and was not sent",
             Self::Busy => "too many commands wait for the core; try again",
             Self::Ending => "the server is ending",
             Self::BadName => {
-                "this cannot be a program's name: letters, digits and . _ - + ( ), up to 100 bytes"
+                "this is not a valid program name: use letters, digits and . _ - + ( ), up to 100 bytes"
             }
             Self::TooLarge => "programs have at most 256 MiB",
-            Self::Receiving => "another program is being received; try again when it has arrived",
+            Self::Receiving => "another program is being received; try again afterwards",
             Self::Paused => "the upload paused for too long",
-            Self::NotLoaded => "this page has lost control meanwhile; the program was not loaded",
+            Self::NotLoaded => "this page lost control in the meantime; the program was not loaded",
         }
     }
 }

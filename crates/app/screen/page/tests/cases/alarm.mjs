@@ -73,7 +73,7 @@ onMadeUp('what the server refuses is said in the language of the page', async (p
     await page.locator('#feed_override').fill('60');
     await until(`${wanted}`, async () => wanted.test(await text(page, 'advice')) || text(page, 'advice'));
   };
-  await page.evaluate(() => globalThis.rejectMadeUp('the page was out of date; look at the machine and press again', 'out_of_date'));
+  await page.evaluate(() => globalThis.rejectMadeUp('the page was out of date; check the machine and press again', 'out_of_date'));
   await said(/the page was out of date/);
   await language('de');
   await said(/die Seite war nicht auf dem neuesten Stand/);
