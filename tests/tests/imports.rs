@@ -125,7 +125,7 @@ fn a_gantry_router_in_inches_is_imported_and_runs() {
         "different backlash",
         "hm2_eth (a Mesa Ethernet board)",
         "it connects a touch probe (motion.probe-input): G38 is rejected until the machine file has [probe]",
-        "that to Mesa boards has no probe input",
+        "Mesa bridge has no probe input",
         "not remapped",
     ] {
         assert!(dropped.contains(reason), "{reason} is missing in {dropped}");
