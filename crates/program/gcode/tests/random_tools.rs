@@ -1,7 +1,5 @@
 //! Random programs of tool changes, compared with LinuxCNC.
 
-#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
-
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command as Process;
