@@ -3,8 +3,10 @@
 //! `tools/test` fetches them (`tools/get-linuxcnc`) and sets EVOLVENT_LINUXCNC to their folder.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+
+use crate::rs274;
 
 /// Folders whose programs need external configuration: remapped codes, panels, machines.
 const CONFIGURED: [&str; 4] = ["remap", "gladevcp", "macros", "plasmac"];
@@ -27,10 +29,7 @@ fn collect_programs(folder: &Path, found: &mut Vec<PathBuf>) {
 
 #[test]
 fn programs_of_linuxcnc_do_here_what_they_do_there() {
-    let Some(folder) = std::env::var_os("EVOLVENT_LINUXCNC").map(PathBuf::from) else {
-        println!("not measured: no EVOLVENT_LINUXCNC (run tools/test on Debian)");
-        return;
-    };
+    let Some(folder) = rs274::linuxcnc() else { return };
     let mut programs = Vec::new();
     for part in ["tests", "nc_files"] {
         collect_programs(&folder.join(part), &mut programs);
@@ -43,28 +42,14 @@ fn programs_of_linuxcnc_do_here_what_they_do_there() {
     });
     programs.sort();
     assert!(programs.len() >= FEWEST, "only {} programs", programs.len());
-    let tools = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../tools");
-    let canon = std::env::current_exe()
-        .expect("a path")
-        .with_file_name("../examples/canon");
-    let output = Command::new("python3")
-        .arg(tools.join("compare-rs274"))
-        .args(["--own-tables", "--quiet", "--known"])
-        .arg(tools.join("linuxcnc-programs.known"))
-        .arg("--earlier")
-        .arg(tools.join("linuxcnc-programs.earlier"))
-        .arg("--canon")
-        .arg(canon)
-        .arg("--rs274")
-        .arg(folder.join("rs274"))
-        .args(programs)
-        .output()
-        .expect("python3");
-    let text = String::from_utf8_lossy(&output.stdout);
-    println!("{text}");
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    let [known, earlier] =
+        ["linuxcnc-programs.known", "linuxcnc-programs.earlier"].map(|name| rs274::tools().join(name));
+    let options = [
+        OsStr::new("--own-tables"),
+        OsStr::new("--known"),
+        known.as_os_str(),
+        OsStr::new("--earlier"),
+        earlier.as_os_str(),
+    ];
+    rs274::assert_equal(&folder, &options, &programs);
 }

@@ -23,6 +23,8 @@ mod programs;
 mod random;
 mod random_tools;
 mod reference;
+#[path = "common/rs274.rs"]
+mod rs274;
 mod saved_modes;
 mod spindles;
 mod surface_speed;

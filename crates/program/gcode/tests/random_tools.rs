@@ -1,10 +1,11 @@
 //! Random programs of tool changes, compared with LinuxCNC.
 
+use std::ffi::OsStr;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
-use std::process::Command as Process;
 
 use evolvent_random::{Random, cases, seed, seed_of_time};
+
+use crate::rs274;
 
 /// Tools of the random programs: number and row of a table in mm. Stand-alone `rs274` names tools by their
 /// row, which is the number here.
@@ -80,10 +81,7 @@ fn random_program(random: &mut Random) -> String {
 
 #[test]
 fn random_tool_changes_do_what_they_do_in_linuxcnc() {
-    let Some(folder) = std::env::var_os("EVOLVENT_LINUXCNC").map(PathBuf::from) else {
-        println!("not measured: no EVOLVENT_LINUXCNC (run tools/test on Debian)");
-        return;
-    };
+    let Some(folder) = rs274::linuxcnc() else { return };
     let mut random = Random::from_state(seed(seed_of_time()));
     let place = tempfile::tempdir().expect("a folder");
     let rows: String = TOOLS.map(|(number, row)| format!("T{number} {row}\n")).concat();
@@ -95,27 +93,5 @@ fn random_tool_changes_do_what_they_do_in_linuxcnc() {
         std::fs::write(&file, random_program(&mut random)).expect("a file");
         programs.push(file);
     }
-    let tools = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../tools");
-    let canon = std::env::current_exe()
-        .expect("a path")
-        .with_file_name("../examples/canon");
-    let output = Process::new("python3")
-        .arg(tools.join("compare-rs274"))
-        .arg("--quiet")
-        .arg("--canon")
-        .arg(canon)
-        .arg("--tools")
-        .arg(&table)
-        .arg("--rs274")
-        .arg(folder.join("rs274"))
-        .args(&programs)
-        .output()
-        .expect("python3");
-    let text = String::from_utf8_lossy(&output.stdout);
-    println!("{text}");
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    rs274::assert_equal(&folder, &[OsStr::new("--tools"), table.as_os_str()], &programs);
 }

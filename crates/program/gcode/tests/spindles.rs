@@ -6,13 +6,13 @@
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
-use std::process::Command as Process;
 
 use evolvent_gcode::{
     Action, Code, Diagnostic, Interpreter, MachineFeatures, SPINDLES, Settings, SpindleDirection,
 };
 use evolvent_random::{Random, cases, seed, seed_of_time};
+
+use crate::rs274;
 
 fn settings(spindles: [bool; SPINDLES]) -> Settings {
     Settings {
@@ -328,10 +328,7 @@ fn named_spindle(random: &mut Random) -> String {
 
 #[test]
 fn random_programs_do_here_what_they_do_in_linuxcnc() {
-    let Some(folder) = std::env::var_os("EVOLVENT_LINUXCNC").map(PathBuf::from) else {
-        println!("not measured: no EVOLVENT_LINUXCNC (run tools/test on Debian)");
-        return;
-    };
+    let Some(folder) = rs274::linuxcnc() else { return };
     let mut random = Random::from_state(seed(seed_of_time()));
     let place = tempfile::tempdir().expect("a folder");
     let mut programs = Vec::new();
@@ -340,27 +337,7 @@ fn random_programs_do_here_what_they_do_in_linuxcnc() {
         std::fs::write(&file, random_program(&mut random)).expect("a file");
         programs.push(file);
     }
-    let tools = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../tools");
-    let canon = std::env::current_exe()
-        .expect("a path")
-        .with_file_name("../examples/canon");
-    let output = Process::new("python3")
-        .arg(tools.join("compare-rs274"))
-        .arg("--quiet")
-        .arg("--canon")
-        .arg(canon)
-        .arg("--rs274")
-        .arg(folder.join("rs274"))
-        .args(&programs)
-        .output()
-        .expect("python3");
-    let text = String::from_utf8_lossy(&output.stdout);
-    println!("{text}");
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    rs274::assert_equal(&folder, &[], &programs);
 }
 
 /// X of the last move.
