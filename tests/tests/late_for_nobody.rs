@@ -47,7 +47,10 @@ fn late_setpoints_that_nobody_waits_for_are_a_note() {
     assert!(summary["late_cycles"].as_u64() > Some(50), "{summary}");
     assert_eq!(summary["listeners"], 0);
     let notes = summary["notes"].to_string();
-    assert!(notes.contains("left late") && notes.contains("doctor"), "{notes}");
+    assert!(
+        notes.contains("published late") && notes.contains("doctor"),
+        "{notes}"
+    );
 }
 
 #[test]

@@ -37,8 +37,8 @@ impl RunReport {
         let motion = &self.motion;
         if let Some(violation) = motion.fault() {
             let text = format!(
-                "the guard refused a setpoint: {violation}; the machine was stopped. \
-             This is a fault of the planner: please report it with the trace"
+                "the guard rejected a setpoint: {violation}; the machine was stopped. This is a fault of the \
+                 planner: please report it with the trace"
             );
             return Some((Alarm::Guard, text));
         }
@@ -74,8 +74,8 @@ impl RunReport {
             return Some((Alarm::LoadSensor, why.text()));
         }
         self.now.stopped_for_lateness.then(|| {
-            let text = "too many setpoints in a row left late; the machine was stopped on the path. Run \
-                    `evolvent doctor`, lower the rate, or raise realtime.max_late_cycles";
+            let text = "too many consecutive setpoints were published late; the machine was stopped on the \
+                        path. Run `evolvent doctor`, lower the rate, or raise realtime.max_late_cycles";
             (Alarm::Lateness, text.to_owned())
         })
     }

@@ -212,8 +212,8 @@ impl Summary {
 /// The note about late setpoints while no client was connected.
 pub(crate) fn late_for_nobody(late: u64) -> String {
     format!(
-        "{late} setpoints left late, but no bridge or client was connected, so nobody missed them; before \
-         drives follow, see `evolvent doctor`"
+        "{late} setpoints were published late, but no bridge or client was connected to miss them; run \
+         `evolvent doctor` before drives follow"
     )
 }
 

@@ -300,8 +300,8 @@ impl AxisHoming {
             HomingMethod::Absolute => HomingAction::Fail(Rejection::new(
                 Alarm::NotAbsolute,
                 format!(
-                    "axis {}: its bridge does not say that the encoder counts from machine zero; see the \
-                     encoder's battery and the drive's settings",
+                    "axis {}: its bridge does not report that the encoder counts from machine zero; check \
+                     the encoder's battery and the drive's settings",
                     axis.axis.letter()
                 ),
             )),
@@ -438,7 +438,7 @@ impl AxisHoming {
         HomingAction::Fail(Rejection::new(
             Alarm::HomeSwitchMissing,
             format!(
-                "axis {}: the home switch was not found {what}; see its wiring",
+                "axis {}: the home switch was not found {what}; check its wiring",
                 self.axis.axis.letter()
             ),
         ))
@@ -459,7 +459,7 @@ impl AxisHoming {
         HomingAction::Fail(Rejection::new(
             Alarm::HomeSwitchStuck,
             format!(
-                "axis {}: the home switch stays closed; see its wiring",
+                "axis {}: the home switch stays closed; check its wiring",
                 self.axis.axis.letter()
             ),
         ))
@@ -469,8 +469,8 @@ impl AxisHoming {
         HomingAction::Fail(Rejection::new(
             Alarm::IndexMissing,
             format!(
-                "axis {}: the bridge latched an index pulse {along:.4} along the way, which was to come \
-                 within {:.4}; see the bridge's scale of the encoder",
+                "axis {}: the bridge latched an index pulse after {along:.4}, expected was within {:.4}; \
+                 check the bridge's scale of the encoder",
                 self.axis.axis.letter(),
                 self.within()
             ),
@@ -481,14 +481,14 @@ impl AxisHoming {
         let letter = self.axis.axis.letter();
         let text = if is_taken_over {
             format!(
-                "axis {letter}: no index pulse came on {travelled:.4} of {:.4}; see the encoder's index \
-                 wire, or allow more by index_within",
+                "axis {letter}: no index pulse came within {travelled:.4} of {:.4}; check the encoder's \
+                 index wire, or increase index_within",
                 self.within()
             )
         } else {
             format!(
-                "axis {letter}: the bridge did not take over the request for an index pulse; it latches \
-                 none, or not for this axis"
+                "axis {letter}: the bridge did not accept the request for an index pulse; it latches no \
+                 index pulses, or none for this axis"
             )
         };
         HomingAction::Fail(Rejection::new(Alarm::IndexMissing, text))

@@ -232,7 +232,7 @@ impl std::fmt::Display for OperatorCommand {
                 Some(_) => format!("jog {} by an increment", letters(jog.axes)),
                 None => format!("jog {}", letters(jog.axes)),
             },
-            Self::JogKeep => "jog goes on".to_owned(),
+            Self::JogKeep => "jog continues".to_owned(),
             Self::JogStop => "jog stop".to_owned(),
             Self::Home(axes) => format!("home {}", letters(*axes)),
             Self::WorkOffset { system, axes, .. } => {

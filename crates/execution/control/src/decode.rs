@@ -192,13 +192,13 @@ fn text(raw: &RawCommand<'_>) -> Result<String, Rejection> {
     let Some(text) = raw.text else {
         return Err(Rejection::new(
             Alarm::Malformed,
-            "the command's text is no UTF-8 or too long",
+            "the command's text is not UTF-8 or is too long",
         ));
     };
     if text.trim().is_empty() || text.chars().any(|c| c.is_control() && c != '\t') {
         return Err(Rejection::new(
             Alarm::Malformed,
-            "the command's text is empty or holds control characters",
+            "the command's text is empty or contains control characters",
         ));
     }
     Ok(text.trim().to_owned())

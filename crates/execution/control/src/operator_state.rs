@@ -158,7 +158,7 @@ impl OperatorState {
         facts: &OperatorInputs,
     ) -> Result<OperatorCommand, (CommandVerdict, Rejection)> {
         if client == 0 || serial == 0 {
-            let text = "a command needs the number of its client and its own, both above 0";
+            let text = "a command needs a client number and a serial number, both above 0";
             return Err(self.refuse(Rejection::new(Alarm::Malformed, text)));
         }
         if !self.serials.admit(client, serial) {
@@ -233,7 +233,7 @@ impl OperatorState {
             ));
         }
         (!meant.is_empty() && meant != loaded)
-            .then(|| format!("{loaded} is loaded and not {meant}: load that first, or start what is loaded"))
+            .then(|| format!("{loaded} is loaded, not {meant}: load {meant} first, or start {loaded}"))
     }
 
     /// Counts a rejection and returns the reply.

@@ -117,7 +117,7 @@ pub enum TransferError {
     /// Every move that was found between the two states leaves the travel.
     #[error(
         "on its way axis {} would go to {position}, outside its travel of {min} to {max}: it is too fast to \
-         turn round before; start slower or further inside", .axis.letter()
+         reverse before that; start at a lower velocity or further inside", .axis.letter()
     )]
     LeavesTravel {
         /// The axis.

@@ -403,7 +403,7 @@ fn describe(before: u8, cycle: &CycleRecord) -> (EventKind, &'static str) {
     } else if is(MotionState::Stopping) {
         (EventKind::Stop, "stop")
     } else if is(MotionState::Fault) && cycle.flags & flags::GUARD != 0 {
-        (EventKind::Alarm, "the guard refused a setpoint")
+        (EventKind::Alarm, "the guard rejected a setpoint")
     } else if is(MotionState::Running) && was_held {
         (EventKind::Resume, "resume")
     } else {

@@ -53,7 +53,7 @@ impl Operator {
             }
             CycleEvent::Guard { sequence, violation } => {
                 let text = format!(
-                    "the guard refused a setpoint: {violation}; the machine was stopped. Please report it \
+                    "the guard rejected a setpoint: {violation}; the machine was stopped. Please report it \
                      with the trace"
                 );
                 self.raise(sequence, Alarm::Guard, text);
