@@ -204,7 +204,7 @@ fn lines_of_other_controls_are_told_what_to_write() {
         ("G1 X=10 F100", "words with =", "X10 in place of X=10"),
         ("G2 X1 Z1 CR=5", "the radius of an arc", "R5"),
         ("CYCLE81(10,0,2,-5)", "by name", "G81"),
-        ("#<_a|#<b>>=1", "inside another one", "#[100 + #<b>]"),
+        ("#<_a|#<b>>=1", "inside another name", "#[100 + #<b>]"),
     ] {
         let (_, errors) = on_lathe(&format!("G18 G21 S100 M3 F100\n{text}\n"));
         assert_eq!(errors.len(), 1, "{text}: {errors:?}");

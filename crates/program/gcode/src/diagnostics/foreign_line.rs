@@ -75,8 +75,8 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
     if fault.code == Code::StrayPercent && start.starts_with('%') {
         return Some(again(
             fault,
-            "text after %, which stands alone on its line",
-            "write % alone on the first line and on the last, and what follows it on the next line; a name \
+            "text after %, which must be alone on its line",
+            "write % alone on the first line and on the last, and the text after it on the next line; a name \
              can be a comment: (PART 1)",
         ));
     }
@@ -132,7 +132,7 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
     if bare.contains("|#<") {
         return Some(again(
             fault,
-            "a name of a parameter inside another one is not part of this dialect",
+            "the name of a parameter inside another name is not part of this dialect",
             "write numbers: #[100 + #<b>] is one parameter of a list",
         ));
     }
@@ -219,7 +219,7 @@ fn unknown_g(block: &Block, fault: &Fault) -> Option<Fault> {
     for (number, what) in [(50.0, "scaling"), (15.0, "polar coordinates")] {
         let alone = !block.words.iter().any(|word| b"XYZIJKPRS".contains(&word.letter));
         if let Some(span) = g(number).filter(|span| alone && *span == fault.span) {
-            let message = format!("G{number} ends {what} in other dialects; here is none to end");
+            let message = format!("G{number} ends {what} in other dialects; here there is none to end");
             return at(span, message, format!("delete G{number}"));
         }
     }
@@ -316,7 +316,9 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
     if fault.code == Code::UnknownM && span_of(block, b'M', 29.0).is_some() {
         // The pitch is F by S: without this S it would be another.
         let cure = match value(block, b'S') {
-            Some(speed) => format!("write S{speed} M3 in its place (M4 before G74), which the pitch needs"),
+            Some(speed) => {
+                format!("write S{speed} M3 in its place (M4 before G74), because the pitch needs the speed")
+            }
             None => "delete it".to_owned(),
         };
         return Some(again(
@@ -342,7 +344,7 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
         return Some(again(
             fault,
             format!(
-                "{}; in other dialects P has repetitions before the last four digits",
+                "{}; in other dialects P has the repetitions before the last four digits",
                 fault.message
             ),
             format!("write M98 P{number} L{times}, {times} repetitions of O{number}"),

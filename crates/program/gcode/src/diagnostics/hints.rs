@@ -289,7 +289,7 @@ const HINTS: &[(Code, &str)] = &[
     ),
     (
         Code::MoveRefused,
-        "change the words of this line that the message speaks of",
+        "change the words of this line that the message names",
     ),
     (
         Code::MissingAbility,

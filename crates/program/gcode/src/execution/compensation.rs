@@ -133,7 +133,7 @@ impl Executor<'_> {
         };
         let span = line.group_span(Group::CutterCompensation);
         if self.state.cutter.is_on() {
-            let message = "cutter compensation is on already";
+            let message = "cutter compensation is already on";
             return Err(Fault::new(Code::CompensationActive, span, message).help("write G40 first"));
         }
         if !matches!(self.state.plane(), Some(Plane::Xy | Plane::Zx)) {
@@ -176,7 +176,7 @@ impl Executor<'_> {
         if let Some(orientation) = orientation {
             let span = line.span(b'L');
             if orientation > MAX_ORIENTATION {
-                let message = format!("L{orientation}: the tip of a turning tool points to one of 0 to 9");
+                let message = format!("L{orientation}: the orientation of a turning tool is 0 to 9");
                 return Err(Fault::new(Code::OutOfRange, span, message).help(
                     "the orientations are those of Q in the tool table; 0 and 9 are the centre of the nose",
                 ));
@@ -510,7 +510,7 @@ impl Executor<'_> {
             let (needed, left) = (needed / unit, left.max(0.0) / unit);
             format!(
                 "the move {which} this inner corner is too short for the tool of radius {radius:.4}: the \
-                 corner takes {needed:.4}, but only {left:.4} are left"
+                 corner needs {needed:.4}, but only {left:.4} are left"
             )
         };
         let message = match misfit {

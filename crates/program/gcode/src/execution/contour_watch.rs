@@ -359,8 +359,8 @@ impl ClosedContour {
             " (ignore this if that line only leads to or from the part)"
         };
         let text = format!(
-            "the tool of radius {:.4} beside this move cuts {:.4} deep into the contour of line {}, which \
-             is near but not next to it; take a smaller tool, or leave out what it cannot reach{unless}",
+            "the tool of radius {:.4} beside this move cuts {:.4} deep into the contour of line {}, which is \
+             near but not next to it; use a smaller tool, or leave out the part that it cannot reach{unless}",
             self.tool.radius / unit,
             cut.depth / unit,
             cut.edge

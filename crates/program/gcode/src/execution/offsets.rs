@@ -235,7 +235,7 @@ impl Executor<'_> {
                 self.set_tool(what, number)
             }
             _ => {
-                let message = format!("L{what}: G10 knows L0, L1, L2, L10, L11 and L20");
+                let message = format!("L{what}: G10 supports L0, L1, L2, L10, L11 and L20");
                 Err(Fault::new(Code::OutOfRange, line.span(b'L'), message))
             }
         }

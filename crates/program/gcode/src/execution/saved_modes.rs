@@ -73,9 +73,12 @@ impl Executor<'_> {
             Compensation::Off => {}
             _ if is_on => {}
             _ => {
-                let message = "cutter compensation was on when the modes were saved, and G40 came since";
-                return Err(Fault::new(Code::CompensationActive, place, message)
-                    .help("it begins with a lead-in: write G40 before the call, and G41 or G42 after it"));
+                let message = "cutter compensation was on when the modes were saved, and G40 was executed \
+                               since";
+                return Err(Fault::new(Code::CompensationActive, place, message).help(
+                    "cutter compensation begins with a lead-in: write G40 before the call, and G41 or G42 \
+                     after it",
+                ));
             }
         }
         let is_applied = self.state.tool_offset != Axes::zeros();

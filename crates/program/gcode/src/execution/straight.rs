@@ -492,7 +492,8 @@ impl Executor<'_> {
         let pitch_mm = self.pitch("G33.1", b'K')?;
         let return_factor = self.line.word(b'I').unwrap_or(1.0);
         if return_factor <= 0.0 {
-            let message = format!("I{return_factor}: the speed of the way out is a factor above 0");
+            let message =
+                format!("I{return_factor}: the factor for the speed of the way out must be above 0");
             return Err(Fault::new(Code::OutOfRange, self.line.span(b'I'), message));
         }
         let target = self.target()?;

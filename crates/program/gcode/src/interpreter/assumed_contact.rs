@@ -136,7 +136,8 @@ impl<R: BufRead> Interpreter<R> {
         };
         if assumption.passed_ends.insert(place) {
             self.warn(
-                "no contact is known: the program ends here; the lines after it are checked as if it went on"
+                "no contact is known: the program ends here; the lines after it are checked as if it \
+                 continued"
                     .to_owned(),
             );
         } else {

@@ -62,8 +62,8 @@ impl<R: BufRead> Interpreter<R> {
             .map_err(|fault| match fault.code {
                 Code::SubroutineMissing => fault.help(
                     "Q names a subroutine that holds the profile: put it between O100 sub and O100 endsub \
-                 before this line and write Q100; block numbers (N100, as P and Q of other controls) are \
-                 not looked for",
+                     before this line and write Q100; block numbers (N100, as P and Q of other controls) are \
+                     not used",
                 ),
                 _ => fault,
             })?;

@@ -450,7 +450,7 @@ impl<R: BufRead> Interpreter<R> {
         let place = Span::new(0, self.current.text.len());
         if self.output.lines_without_command > self.settings.limits.max_silent_lines {
             let message = format!(
-                "{} lines without anything to do for the machine: an endless loop",
+                "{} lines without a command for the machine: an endless loop",
                 self.settings.limits.max_silent_lines
             );
             return Some(
@@ -475,8 +475,8 @@ impl<R: BufRead> Interpreter<R> {
     fn too_many_repeats(&self) -> Fault {
         let place = Span::new(0, self.current.text.len());
         let message = format!(
-            "lines with errors were executed {MAX_REPEATED_ERRORS} times more in loops; lines after this \
-             one were not checked"
+            "lines with errors were executed {MAX_REPEATED_ERRORS} more times in loops; lines after this one \
+             were not checked"
         );
         Fault::new(Code::TooManySteps, place, message).help("correct the errors reported before this one")
     }

@@ -92,10 +92,7 @@ impl Restart {
             }
             let line = Line::new(at, to).map_err(|error| {
                 let place = Span::new(0, 0);
-                let message = format!(
-                    "there is no way to the place where line {} begins: {error}",
-                    self.line
-                );
+                let message = format!("the start of line {} cannot be approached: {error}", self.line);
                 Box::new(Fault::new(Code::RestartRefused, place, message).locate(self.line, b""))
             })?;
             let axes = AxisLetter::ALL
@@ -272,8 +269,8 @@ impl<R: BufRead> Interpreter<R> {
 
     fn depends_on_contact(&self, line: u32, probing: u32) -> Diagnostic {
         let message = format!(
-            "line {line} comes after the probing move of line {probing}, whose contact sets what follows \
-             and is not known"
+            "line {line} comes after the probing move of line {probing}, whose contact is not known, and the \
+             lines after it depend on it"
         );
         Fault::new(
             Code::RestartRefused,
@@ -290,8 +287,8 @@ impl<R: BufRead> Interpreter<R> {
     fn after_the_end(&self, line: u32) -> Diagnostic {
         let end = self.current.number;
         let message = format!("the program ends in line {end}, before line {line}");
-        let help = "lines after the end are of subroutines, if any: choose the line that calls it (M98 P.. \
-                    or O<name> call)";
+        let help = "lines after the end can only belong to subroutines: choose the line that calls it (M98 \
+                    P.. or O<name> call)";
         Fault::new(
             Code::RestartRefused,
             Span::new(0, self.current.text.len()),

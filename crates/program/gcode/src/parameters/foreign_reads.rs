@@ -52,7 +52,7 @@ fn name_here(index: usize) -> Option<(&'static str, &'static str)> {
         3011 | 3012 => ("date and time", "there is none"),
         4001..=4130 => (
             "an active code or word",
-            "#<_motion_mode>, #<_plane>, #<_metric>, #<_absolute>, #<_feed>, #<_rpm> and similar names tell \
+            "#<_motion_mode>, #<_plane>, #<_metric>, #<_absolute>, #<_feed>, #<_rpm> and similar names give \
              the modes",
         ),
         5001..=5006 | 5041..=5046 => ("a position", "write #5420 for X to #5428 for W"),

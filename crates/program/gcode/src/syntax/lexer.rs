@@ -382,7 +382,7 @@ impl<'text> Lexer<'text> {
                 Fault::new(Code::NotAscii, span, format!("'{shown}' has no meaning here")).help(help)
             }
             _ => {
-                let message = format!("byte 0x{byte:02x}, which is not even UTF-8");
+                let message = format!("byte 0x{byte:02x}, which is not valid UTF-8");
                 Fault::new(Code::NotAscii, Span::at(self.at), message).help(help)
             }
         }

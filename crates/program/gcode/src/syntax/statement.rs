@@ -75,7 +75,7 @@ fn spindle_exists(value: f64, span: Span, exists: &[bool; SPINDLES]) -> Result<(
     }
     if value.fract() != 0.0 || !(0.0..SPINDLES as f64).contains(&value) {
         let message = format!("${value}: spindles have the numbers 0 to {}", SPINDLES - 1);
-        return Err(Fault::new(Code::SpindleSelection, span, message).help("$-1 names all spindles"));
+        return Err(Fault::new(Code::SpindleSelection, span, message).help("$-1 selects all spindles"));
     }
     if exists[value as usize] {
         return Ok(());
@@ -258,7 +258,7 @@ impl Statement {
             || self.g(Group::FeedMode) == Some(GCode::FeedMode(FeedMode::PerRevolution));
         let of_feed = self.g(Group::FeedMode).is_some();
         if (of_one || of_feed) && self.names_all_spindles() {
-            let message = "$-1 names all spindles, and this line is about a single one";
+            let message = "$-1 selects all spindles, and this line is for a single one";
             return Err(Fault::new(Code::SpindleSelection, span, message)
                 .help("write the number of the spindle; $-1 is for S, M3, M4 and M5"));
         }
@@ -400,8 +400,8 @@ impl Statement {
         if matches!(code, Some(MCode::User(_))) && !user_codes.contains(&number) {
             let message = format!("M{number} is not configured");
             return Err(Fault::new(Code::UnsupportedM, span, message).help(
-                "M100 to M199 are the machine's own commands; those that exist stand in the machine file, \
-                 [program] user_codes",
+                "M100 to M199 are user-defined codes; [program] user_codes in the machine file lists those \
+                 that exist",
             ));
         }
         let Some(code) = code else {

@@ -20,7 +20,7 @@ const MAX_VALUE: f64 = 1e9;
 pub enum ParameterFileError {
     /// A line is not a number and a value.
     #[error(
-        "line {line}: \"{text}\" is no number of a parameter with a value; write lines such as 5221 12.5, \
+        "line {line}: \"{text}\" is not a parameter number with a value; write lines such as 5221 12.5, \
          values within 1e9"
     )]
     Line {

@@ -75,7 +75,7 @@ impl Executor<'_> {
         if !line.has_axes() {
             let message = format!("{name} needs an axis word");
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message)
-                .help("name the position of the hole, at least by one of its axes"));
+                .help("give the position of the hole by at least one of its axes"));
         }
         let here = self.state.program_of(self.state.programmed());
         let before = self.state.sticky;
