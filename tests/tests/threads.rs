@@ -240,7 +240,7 @@ fn impossible_threads_are_rejected_before_motion() {
     };
     refused(
         "G21 G18 G90 G8\nS3000 M3\nG0 X15 Z5\nG33 Z2 K1.5\nM2\n",
-        &["program.ngc:4", "of run-in", "there are 3.000 mm"],
+        &["program.ngc:4", "of run-in", "there are only 3.000 mm"],
     );
     refused(
         "G21 G18 G90 G8\nS4000 M3\nG0 X15 Z5\nG33 Z-90 K6\nM2\n",

@@ -250,7 +250,7 @@ fn a_power_cut_in_a_change_leaves_the_tool_unknown() {
         let refused = operator.ask(&mdi("T3 M6"));
         assert_eq!(refused.alarm, BAD_PROGRAM, "{}", refused.text());
         assert!(
-            refused.text().contains("it is not known which tool"),
+            refused.text().contains("the tool in the spindle is unknown"),
             "{}",
             refused.text()
         );

@@ -336,7 +336,7 @@ impl Session {
                 return Ok(Started::Failed(Box::new(status)));
             }
             let message = status.operator_message();
-            if message.starts_with(BEFORE_LINE) && !message.ends_with("is being worked out") {
+            if message.starts_with(BEFORE_LINE) && !message.ends_with("is being computed") {
                 return Ok(Started::Runs(format!(
                     "{}\n{message}\n`evolvent ctl resume` starts the approach",
                     answer.text().split(": stopped before").next().unwrap_or_default()

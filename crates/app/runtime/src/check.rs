@@ -113,7 +113,7 @@ pub(crate) fn check_while(
         check.checked.warnings.push(Warning {
             file: None,
             line: 1,
-            message: "the program holds no block; see whether it was written to its end".to_owned(),
+            message: "the program contains no block; check that the file is complete".to_owned(),
         });
     }
     Ok(check.checked)

@@ -128,7 +128,7 @@ impl CheckBound {
 impl fmt::Display for CheckBound {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Errors => formatter.write_str("no further errors are looked for"),
+            Self::Errors => formatter.write_str("the maximum number of errors is reached"),
             Self::Loop { place, commands } => {
                 write!(formatter, "the loop that begins on line {}", place.line)?;
                 if let Some(file) = &place.file {

@@ -498,7 +498,8 @@ fn clock_source() -> Finding {
         "clock_source",
         source,
         if direct { Verdict::Good } else { Verdict::Fair },
-        "a clock read by a system call costs about 1 us a cycle: see why the kernel distrusts `tsc` (dmesg)",
+        "a clock read by a system call costs about 1 us a cycle: find out why the kernel distrusts `tsc` \
+         (dmesg)",
     )
 }
 

@@ -54,7 +54,7 @@ impl ChangeFile {
             }
             (None, Some(path), None) if path >= 0.0 && path.is_finite() => Ok(Some(When::Path(path))),
             (None, None, Some(line)) => Ok(Some(When::Line(line))),
-            _ => Err("when it changes is not told by one number of 0 or more".to_owned()),
+            _ => Err("the time of the change is not given by one number of 0 or more".to_owned()),
         }
     }
 }

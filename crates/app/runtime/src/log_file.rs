@@ -48,7 +48,7 @@ pub(crate) fn log_objection(action: &LogAction) -> Option<(String, String)> {
             "write a name without a folder, of at most {MAX_NAME} letters, digits, spaces, \".\", \"-\" \
              and \"_\": log files go to the folder program.log_folder of the machine file"
         );
-        (format!("\"{name}\" is no name of a log file"), help)
+        (format!("\"{name}\" is not a name of a log file"), help)
     })
 }
 

@@ -14,13 +14,13 @@ use crate::shared::Controls;
 use crate::standby::needs_load;
 
 /// Note if drives send feedback.
-const DRIVES_UNWATCHED: &str = "drives answer on the bus, but `run` does not watch them: nothing stops it \
-     where one fails or does not follow. That takes power, homing and alarms that stay, which `evolvent \
-     serve` has";
+const DRIVES_UNWATCHED: &str = "drives reply on the bus, but `run` does not monitor them: it does not stop \
+                                if one fails or does not follow. Monitoring needs power, homing and latched \
+                                alarms: use `evolvent serve`";
 /// The same for a run that depends on the cutting load.
-const DRIVES_HALF_WATCHED: &str = "drives answer on the bus: the run ends if they stop by themselves; a \
-     following error or lost feedback does not stop it, because that takes power, homing and alarms that \
-     stay, which `evolvent serve` has";
+const DRIVES_HALF_WATCHED: &str = "drives reply on the bus: the run ends if they stop by themselves; a \
+                                   following error or lost feedback does not stop it. Monitoring these needs \
+                                   power, homing and latched alarms: use `evolvent serve`";
 /// Interval of progress reports.
 const PROGRESS_EVERY: Duration = Duration::from_millis(50);
 /// The same with the virtual clock, whose runs may end at once.

@@ -191,10 +191,10 @@ pub(crate) fn nobody_changes(tool: u32, present: u32) -> (String, String) {
         0 => "the spindle is empty".to_owned(),
         present => format!("tool {present} is in the spindle"),
     };
-    let message = format!("M6 needs tool {tool}, but {what}, and nobody can confirm a tool change here");
+    let message = format!("M6 needs tool {tool}, but {what}, and a tool change cannot be confirmed here");
     let help = format!(
-        "run in a terminal, where Enter confirms it, or use `evolvent serve`; --tool {tool} says that the \
-         tool is in the spindle already; program.tool_change in the machine file declares an automatic \
+        "run in a terminal, where Enter confirms it, or use `evolvent serve`; --tool {tool} declares that \
+         the tool is already in the spindle; program.tool_change in the machine file declares an automatic \
          changer"
     );
     (message, help)

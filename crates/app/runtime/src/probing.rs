@@ -38,7 +38,7 @@ pub(crate) fn objection(order: &ProbeMove, setup: &Setup) -> Option<ProbeObjecti
     let Some(probe) = setup.machine.signals.probe else {
         return Some(ProbeObjection::Words(
             "G38: the machine file has no probe".to_owned(),
-            "add [probe] to the machine file; a bridge says on the bus what it does".to_owned(),
+            "add [probe] to the machine file; a bridge reports the state of the probe on the bus".to_owned(),
         ));
     };
     // The stop after contact ends before the end of the move, so it is within the travel if the move is.
@@ -59,8 +59,8 @@ pub(crate) fn objection(order: &ProbeMove, setup: &Setup) -> Option<ProbeObjecti
     (order.toward && distance > most).then(|| {
         ProbeObjection::Words(
             format!(
-                "G38 at {:.1} mm/min goes on for up to {distance:.3} mm after contact ({:.1} ms until it is \
-                 noticed, then the stop), and probe.overtravel_mm is {most}",
+                "G38 at {:.1} mm/min continues for up to {distance:.3} mm after contact ({:.1} ms until it \
+                 is detected, then the stop), but probe.overtravel_mm is {most}",
                 feed * 60.0,
                 delay_s * 1e3
             ),
@@ -81,9 +81,9 @@ pub(crate) fn complaint(result: &ProbeResult, toward: bool, must: bool) -> Optio
         ProbeVerdict::Contact | ProbeVerdict::Imagined => return None,
         ProbeVerdict::NoContact if !must => return None,
         ProbeVerdict::NoContact => (
-            format!("the probe has come to the end of the move without {way}"),
+            format!("the probe has reached the end of the move without {way}"),
             format!(
-                "move the end of the move farther, check probe and wiring, or write {} and look at #5070",
+                "move the end of the move farther, check probe and wiring, or write {} and check #5070",
                 if toward { "G38.3" } else { "G38.5" }
             ),
         ),
@@ -99,16 +99,16 @@ pub(crate) fn complaint(result: &ProbeResult, toward: bool, must: bool) -> Optio
             "make contact first (G38.2)".to_owned(),
         ),
         ProbeVerdict::Lost => (
-            "nothing was heard of the probe any more while it moved; the axes have stopped".to_owned(),
+            "the state of the probe became unknown while it moved; the axes have stopped".to_owned(),
             "check the bridge: `evolvent top NAME` shows the probe".to_owned(),
         ),
         ProbeVerdict::Unknown => (
-            "nothing is heard of the probe; nothing has moved".to_owned(),
-            "start the bridge that reads it, which says probe OPEN or TRIPPED in its inputs".to_owned(),
+            "the state of the probe is unknown; nothing has moved".to_owned(),
+            "start the bridge that reads it and reports it as OPEN or TRIPPED in its inputs".to_owned(),
         ),
         ProbeVerdict::NoPosition => (
-            "contact was made, but its position has not come in time".to_owned(),
-            "check that the bridge sends feedback, and the times that it sends".to_owned(),
+            "contact was made, but its position was not received in time".to_owned(),
+            "check that the bridge sends feedback, and that its times are correct".to_owned(),
         ),
     };
     Some((message, help))

@@ -23,7 +23,7 @@ impl PublishReport {
     pub(crate) fn refusal_notes(&self) -> impl Iterator<Item = String> {
         let note = |what: &str, count: u64, fault: String| {
             format!(
-                "{count} messages of {what} were refused, the last because {fault}: see the bridge that \
+                "{count} messages of {what} were rejected, the last because {fault}: check the bridge that \
                  sends them"
             )
         };

@@ -250,14 +250,13 @@ fn notes_of(job: &Job, report: &RunReport, feed: &FeedReport) -> impl Iterator<I
     [
         (job.is_realtime() && passed > 0).then(|| {
             format!(
-                "{passed} program stops (M0, M1, M60) were passed without waiting, because nobody could be \
-                 asked: run in a terminal to be asked"
+                "{passed} program stops (M0, M1, M60) were passed without waiting, because no operator could \
+                 confirm them: run in a terminal to confirm them"
             )
         }),
         (job.clock == Clock::Virtual && not_carried_out > 0).then(|| {
             format!(
-                "{not_carried_out} commands of the machine's own (M100 to M199) were not carried out: time \
-                 was not real"
+                "{not_carried_out} user-defined M codes (M100 to M199) were not carried out: time was virtual"
             )
         }),
         (skipped > 0).then(|| format!("{skipped} lines that begin with / were skipped (--block-delete)")),
@@ -284,7 +283,7 @@ fn tool_change_note(job: &Job, changes: u64) -> Option<String> {
             "{many} {verb} counted as done and nothing was changed: program.tool_change is \"none\" in the \
              machine file"
         )),
-        (Clock::Virtual, _) => Some(format!("{many} {verb} not carried out: time was not real")),
+        (Clock::Virtual, _) => Some(format!("{many} {verb} not carried out: time was virtual")),
         (Clock::Realtime, _) => None,
     }
 }

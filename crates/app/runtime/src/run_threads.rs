@@ -56,7 +56,7 @@ const COMMANDS_AHEAD: usize = 4096;
 const CHAIN_POLL: Duration = Duration::from_millis(5);
 /// Note if a program is held until there is a load.
 const AWAITS_LOAD: &str =
-    "the program begins once a cutting load comes over the bus, and drives that answer follow";
+    "the program begins when a cutting load is received on the bus and any drives on it follow";
 
 /// Result of planning: its figures, and tools and parameters after a program that was read to its end.
 pub(crate) type Fed = (FeedReport, Result<Option<ProgramMemory>, ProgramError>);

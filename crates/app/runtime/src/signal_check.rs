@@ -129,7 +129,7 @@ fn advice(table: &str, kind: SignalKind, index: u32, there: &[String]) -> String
     if there.is_empty() {
         add
     } else {
-        format!("{add}, or write one of those that it has: {}", there.join(", "))
+        format!("{add}, or write one that it has: {}", there.join(", "))
     }
 }
 

@@ -198,7 +198,7 @@ fn probe_text(number: u32, value: Option<f64>) -> String {
         (probe_numbers::STATE, None) => "probe unknown".to_owned(),
         (probe_numbers::STATE, Some(0.0)) => "probe open".to_owned(),
         (probe_numbers::STATE, Some(1.0)) => "probe tripped".to_owned(),
-        (probe_numbers::STATE, Some(_)) => "probe: time is not real, no contact is known".to_owned(),
+        (probe_numbers::STATE, Some(_)) => "probe: time is virtual, no contact is known".to_owned(),
         (probe_numbers::CHANGES, _) => format!("probe: position of change {value_or_nan}"),
         _ => {
             let axis = AxisLetter::ALL.get((number - probe_numbers::POSITION) as usize);

@@ -279,7 +279,7 @@ impl Start {
         // Writing to a string cannot fail.
         let _ = write!(
             text,
-            "\n  the tool is supposed at {} (machine coordinates)",
+            "\n  the tool is assumed at {} (machine coordinates)",
             if place.is_empty() {
                 "zero".to_owned()
             } else {

@@ -27,13 +27,13 @@ impl NotBegun {
         let seconds = PATIENCE_NS / 1_000_000_000;
         match self {
             Self::NoLoad => format!(
-                "no cutting load has come over the bus within {seconds} s, so nothing was moved: start the \
-                 load sensor (or `evolvent bridge sim --process FILE`) with the same machine name and \
-                 prefix of the bus, or leave out --process and --adaptive"
+                "no cutting load was received on the bus within {seconds} s, so nothing was moved: start the \
+                 load sensor (or `evolvent bridge sim --process FILE`) with the same machine name and prefix \
+                 of the bus, or leave out --process and --adaptive"
             ),
             Self::DrivesStand => format!(
-                "drives answer on the bus, and have not followed within {seconds} s, so nothing was moved: \
-                 see whether they stand where the machine file says (`home_mm`), and have no fault"
+                "drives reply on the bus, but have not followed within {seconds} s, so nothing was moved: \
+                 check that they are at the position in the machine file (`home_mm`) and have no fault"
             ),
         }
     }

@@ -20,24 +20,25 @@ pub enum StartError {
     #[error(transparent)]
     Bus(#[from] BusError),
     /// The bus did not open in time.
-    #[error("the bus did not open within {} s; see whether shared memory is usable (`evolvent doctor`)", BUS_TIMEOUT.as_secs())]
+    #[error("the bus did not open within {} s; check that shared memory is usable (`evolvent \
+             doctor`)", BUS_TIMEOUT.as_secs())]
     BusTimeout,
     /// The machine file requires monitoring of the drives.
     #[error(
-        "the machine file asks for drives that answer (drives.feedback = \"required\"), and `run` does not \
-         watch drives: use `evolvent serve`, or \"if_present\" for a run without a machine"
+        "the machine file requires drives that reply (drives.feedback = \"required\"), but `run` does not \
+         monitor drives: use `evolvent serve`, or \"if_present\" for a run without a machine"
     )]
     DrivesRequired,
     /// Without the bus the emergency-stop chain is not read.
     #[error(
-        "the machine file has an emergency-stop chain ([estop]), and without the bus nobody reads it: leave \
+        "the machine file has an emergency-stop chain ([estop]), and without the bus nothing reads it: leave \
          out --no-bus, or use --clock virtual for a run without a machine"
     )]
     ChainUnread,
     /// The emergency-stop chain is open.
     #[error(
         "the emergency-stop chain ([estop]) is open, or no bridge has sent its input within {} s; close it, \
-         and see that the bridge runs", CHAIN_TIMEOUT.as_secs()
+         and check that the bridge runs", CHAIN_TIMEOUT.as_secs()
     )]
     ChainOpen,
     /// Error of the trace.
@@ -52,13 +53,14 @@ pub enum StartError {
     CycleTimeout,
     /// The initial modes of the interpreter are rejected.
     #[error(
-        "the modes at power-up are refused: {0}; see program, tool table and parameters in the machine file"
+        "the modes at power-up are rejected: {0}; check program, tool table and parameters in the machine \
+         file"
     )]
     Modes(String),
     /// Two cores would overwrite each other's offsets and tools.
     #[error(
-        "the state folder {} is used by another core ({holder}); give each core a folder of its own with \
-         --state, or end the other",
+        "the state folder {} is used by another core ({holder}); give each core its own folder with --state, \
+         or stop the other core",
         folder.display()
     )]
     StateInUse {

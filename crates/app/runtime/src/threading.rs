@@ -142,7 +142,7 @@ impl ThreadChain {
                 format!("number = {number} and ")
             };
             let help = format!(
-                "add [[spindle]] with {place}feedback = true to the machine file; a bridge tells the angle \
+                "add [[spindle]] with {place}feedback = true to the machine file; a bridge reports the angle \
                  on the bus"
             );
             return Err(ThreadRefusal::Words(message, help));
@@ -242,8 +242,8 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
             let letter = AxisLetter::letter_of(axis);
             (
                 format!(
-                    "at {:.0} rpm the pitch needs {:.0} mm/min of {letter} (5 % of reserve included), which \
-                     may do {:.0} mm/min",
+                    "at {:.0} rpm the pitch needs {:.0} mm/min of {letter} (5 % of reserve included), and \
+                     its limit is {:.0} mm/min",
                     rpm.abs(),
                     needed * 60.0,
                     permitted * 60.0
@@ -262,10 +262,10 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
         } => (
             format!(
                 "at {:.0} rpm this needs {run_in_mm:.3} mm of run-in to be in phase, and {run_out_mm:.3} mm \
-                 to run out: there are {length_mm:.3} mm",
+                 to run out, but there are only {length_mm:.3} mm",
                 rpm.abs()
             ),
-            "begin farther away from the thread, end farther behind it, or turn the spindle more slowly"
+            "begin farther away from the thread, end farther after it, or turn the spindle more slowly"
                 .to_owned(),
         ),
     }
@@ -279,47 +279,48 @@ pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, Stri
         ThreadVerdict::Done => return None,
         ThreadVerdict::Refused(objection) => {
             let (message, help) = objection_text(&objection, rpm);
-            (format!("the spindle is faster than it was told; {message}"), help)
+            (format!("the spindle is faster than commanded; {message}"), help)
         }
         ThreadVerdict::Unknown => (
             "the angle of the spindle is not known: nothing has moved".to_owned(),
-            "a bridge has to tell it and to have seen the index pulse: `evolvent top NAME` shows the spindle"
+            "a bridge must report it and must have detected the index pulse: `evolvent top NAME` shows the \
+             spindle"
                 .to_owned(),
         ),
         ThreadVerdict::Lost => (
-            "nothing was heard of the angle of the spindle any more; the axes have stopped".to_owned(),
-            "see the encoder and the bridge; bring the tool out before the spindle turns on".to_owned(),
+            "the angle of the spindle became unknown; the axes have stopped".to_owned(),
+            "check the encoder and the bridge; retract the tool before the spindle turns again".to_owned(),
         ),
         ThreadVerdict::Stalled => (
             format!(
-                "the spindle does not keep {:.0} rpm, it has nearly stopped; so have the axes",
+                "the spindle does not keep {:.0} rpm: it has nearly stopped, and so have the axes",
                 rpm.abs()
             ),
             if has_begun {
-                "see the spindle's drive, and the depth of the cut".to_owned()
+                "check the spindle's drive, and the depth of the cut".to_owned()
             } else {
-                "nothing has been cut: see the spindle's drive, and whether M3 or M4 with S has turned it"
+                "nothing has been cut: check the spindle's drive, and whether M3 or M4 with S has turned it"
                     .to_owned()
             },
         ),
         ThreadVerdict::NotTurnedBack => (
-            "the spindle has not turned back at the depth; the axes have stopped in the hole".to_owned(),
-            "see the spindle's drive; acceleration_rpm_s at its [[spindle]] says how fast it brakes"
+            "the spindle has not reversed at the depth; the axes have stopped in the hole".to_owned(),
+            "check the spindle's drive; acceleration_rpm_s at its [[spindle]] is the rate at which it brakes"
                 .to_owned(),
         ),
         ThreadVerdict::OutOfPhase => (
-            "the axes cannot follow the spindle any more, and have stopped".to_owned(),
-            "turn more slowly, or see why the speed of the spindle changes".to_owned(),
+            "the axes can no longer follow the spindle, and have stopped".to_owned(),
+            "turn more slowly, or find out why the speed of the spindle changes".to_owned(),
         ),
     };
     if result.is_clear {
-        return Some((format!("{message}; the tool was drawn out of the thread"), help));
+        return Some((format!("{message}; the tool was retracted from the thread"), help));
     }
     // G33 does not specify the direction in which its tool is free.
     let is_in_thread =
         has_begun && matches!(result.verdict, ThreadVerdict::Stalled | ThreadVerdict::OutOfPhase);
     let help = if is_in_thread {
-        format!("bring the tool out before the spindle turns on; then {help}")
+        format!("retract the tool before the spindle turns again; then {help}")
     } else {
         help
     };
@@ -344,22 +345,22 @@ mod tests {
     fn a_stalled_pass_advises_by_the_tool_position() {
         // G33: the axes have stopped in the thread.
         let (_, help) = told(ThreadVerdict::Stalled, 0.01, false);
-        assert!(help.starts_with("bring the tool out"), "{help}");
+        assert!(help.starts_with("retract the tool"), "{help}");
         assert!(help.contains("depth of the cut"), "{help}");
         assert!(
             told(ThreadVerdict::OutOfPhase, 0.01, false)
                 .1
-                .starts_with("bring the tool out")
+                .starts_with("retract the tool")
         );
         // G76: the tool is out.
         let (message, help) = told(ThreadVerdict::Stalled, 0.01, true);
-        assert!(message.ends_with("drawn out of the thread"), "{message}");
-        assert!(!help.contains("bring the tool out"), "{help}");
+        assert!(message.ends_with("retracted from the thread"), "{message}");
+        assert!(!help.contains("retract the tool"), "{help}");
         // Before the pass: the depth is not the cause, and the tool is not in the thread.
         let (_, help) = told(ThreadVerdict::Stalled, 0.0, false);
         assert!(help.contains("nothing has been cut"), "{help}");
         assert!(
-            !help.contains("depth") && !help.contains("bring the tool"),
+            !help.contains("depth") && !help.contains("retract the tool"),
             "{help}"
         );
     }

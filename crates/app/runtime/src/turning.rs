@@ -18,15 +18,15 @@ use crate::turning_motion::{TurningFrame, TurningMotion};
 pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMotion, String> {
     let Some(process) = &setup.process else {
         return Err(
-            "passes that the load finds need to know tool, force law, load and feeds: name a process file \
-             with --process, or leave out Q1"
+            "load-adaptive passes need tool, force law, load and feeds: name a process file with --process, \
+             or leave out Q1"
                 .into(),
         );
     };
     if cycle.spindle_rpm <= 0.0 {
         return Err(
-            "passes that the load finds need a spindle that turns at a known speed: write S and M3 before, \
-             and G97 where G96 is in force"
+            "load-adaptive passes need a spindle that turns at a known speed: write S and M3 before, and G97 \
+             where G96 is in force"
                 .into(),
         );
     }
@@ -150,8 +150,8 @@ fn check_room(
             let (value, i) = (place[axis.index()], axis.index());
             if !(limits.travel_min[i]..=limits.travel_max[i]).contains(&value) {
                 return Err(format!(
-                    "the tool has to have room to {}{value:.3} (machine coordinates) to come in from \
-                     outside and to be drawn out, and the travel is {} to {}",
+                    "the tool needs space as far as {}{value:.3} (machine coordinates) to approach from \
+                     outside and to retract, but the travel is {} to {}",
                     axis.letter(),
                     limits.travel_min[i],
                     limits.travel_max[i]

@@ -92,10 +92,10 @@ impl UserCodes {
                     self.advice()
                 ));
             }
-            Ok(facts) if !facts.is_file() => "is no file",
+            Ok(facts) if !facts.is_file() => "is not a file",
             Ok(facts) if facts.permissions().mode() & 0o111 == 0 => "is not executable",
             // Whoever can write the file can move the machine.
-            Ok(facts) if facts.permissions().mode() & 0o002 != 0 => "may be written by everybody",
+            Ok(facts) if facts.permissions().mode() & 0o002 != 0 => "is writable by everyone",
             Ok(_) => return None,
         };
         Some(format!("M{number}: {} {what}; {}", file.display(), self.advice()))
@@ -206,8 +206,8 @@ impl UserCodes {
                 let _ended = child.wait();
                 return Err(if is_late {
                     format!(
-                        "{name}: did not end within {} s and was killed; see what it waits for, or raise \
-                         program.user_code_timeout_s",
+                        "{name}: did not end within {} s and was killed; find out what it waits for, or \
+                         raise program.user_code_timeout_s",
                         self.timeout.as_secs_f64()
                     )
                 } else {
@@ -230,9 +230,7 @@ fn signal(child: &Child, signal: Signal) {
 fn judge(name: &str, status: ExitStatus) -> Result<(), String> {
     match (status.code(), status.signal()) {
         (Some(0), _) => Ok(()),
-        (Some(code), _) => Err(format!(
-            "{name}: ended with exit code {code}; see what it has written"
-        )),
+        (Some(code), _) => Err(format!("{name}: ended with exit code {code}; see its output")),
         (None, signal) => Err(format!("{name}: was killed by signal {}", signal.unwrap_or(0))),
     }
 }
@@ -502,7 +500,7 @@ mod tests {
         assert!(codes.objection(101).unwrap().contains("M101"));
         let file = folder.path().join("M101");
         std::fs::write(&file, "#!/bin/sh\n").unwrap();
-        for (mode, said) in [(0o644, "not executable"), (0o757, "by everybody")] {
+        for (mode, said) in [(0o644, "not executable"), (0o757, "by everyone")] {
             std::fs::set_permissions(&file, PermissionsExt::from_mode(mode)).unwrap();
             assert!(codes.objection(101).unwrap().contains(said));
         }

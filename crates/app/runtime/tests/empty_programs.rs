@@ -29,7 +29,7 @@ fn a_program_without_a_block_is_warned_of() {
     for empty in ["", "\n \t\r\n", "%\n(part 7)\n; G0 X1\n%\n"] {
         let found = warnings(empty);
         assert!(
-            found.len() == 1 && found[0].contains("holds no block"),
+            found.len() == 1 && found[0].contains("contains no block"),
             "{empty:?}: {found:?}"
         );
     }

@@ -10,7 +10,7 @@ use crate::source::Commands;
 
 /// The error of a log file that cannot be written, with its remedy.
 fn no_log(message: String) -> (String, String) {
-    let help = "see the folder of the log files, program.log_folder of the machine file";
+    let help = "check the folder of the log files, program.log_folder of the machine file";
     (message, help.to_owned())
 }
 
@@ -26,7 +26,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 LogAction::Open(_) | LogAction::Append(_) | LogAction::OpenProbes(_)
             ) && self.reporter.warned.insert(line)
             {
-                let text = "warning: time is not real: the log file is not written";
+                let text = "warning: time is virtual: the log file is not written";
                 self.reporter.announce_in_passing(line, true, text);
             }
             return None;
@@ -34,8 +34,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let logs = self.logs.get_or_insert_with(|| LogFiles::new(folder.clone()));
         if matches!(log, LogAction::Line(_)) && !logs.is_open(LogKind::Lines) {
             if self.reporter.warned.insert(line) {
-                let text =
-                    "warning: no log file is open, so this line goes nowhere: write (LOGOPEN,name) before it";
+                let text = "warning: no log file is open, so this line is not written: write (LOGOPEN,name) \
+                            before it";
                 self.reporter.announce_in_passing(line, true, text);
             }
             return None;

@@ -150,7 +150,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         if !self.next.change.sets_outputs() {
             return;
         }
-        let text = "warning: no move follows this output, so it does not change: write a move behind it, or \
+        let text = "warning: no move follows this output, so it does not change: write a move after it, or \
                     M64, M65 or M68";
         self.reporter.announce_in_passing(self.next.line, true, text);
     }

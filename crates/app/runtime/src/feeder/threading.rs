@@ -117,7 +117,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         });
         self.report_periphery(action);
         let what = if chain.is_tap() { "tap" } else { "thread" };
-        let text = format!("{what} in step with the spindle: in phase {run_in_mm:.3} mm behind its start");
+        let text = format!("{what} in step with the spindle: in phase {run_in_mm:.3} mm after its start");
         self.reporter.announce(action, line, false, &text);
         if chain.is_tap() {
             self.report_reversal(
@@ -135,7 +135,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             Some((threadings.result(), threadings.is_abandoned()))
         })?;
         let text = format!(
-            "{what}: done, at most {:.4} mm beside the spindle's angle",
+            "{what}: done, at most {:.4} mm off the spindle's angle",
             result.worst_mm
         );
         if complaint(&result, 0.0).is_none() {

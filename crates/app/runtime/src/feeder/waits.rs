@@ -204,8 +204,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 "{} did not reach {speed} within {timeout_s} s, and feed waits for it",
                 with_article(number)
             );
-            let help = "see its drive and its speed; at_speed_timeout_s at its [[spindle]] in the machine \
-                        file gives it more time";
+            let help = "check its drive and its speed; a larger at_speed_timeout_s at its [[spindle]] in the \
+                        machine file gives it more time";
             (message, help.to_owned())
         }))
     }
@@ -245,7 +245,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok((!reached && !self.is_abandoned()).then(|| {
             let name = with_article(spindle);
             let message = format!("M19: {name} is not at {degrees} degrees after {timeout_s} s");
-            let help = "see its drive; Q of M19 gives it more time, in seconds";
+            let help = "check its drive; a larger Q of M19 gives it more time, in seconds";
             (message, help.to_owned())
         }))
     }
@@ -309,8 +309,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 place(&result.position)
             ),
             ProbeVerdict::Imagined => {
-                "warning: time is not real and no contact is known: the move goes to its end, as if the \
-                 probe had not changed"
+                "warning: time is virtual and no contact is known: the move goes to its end, as if the probe \
+                 had not changed"
                     .to_owned()
             }
             _ => "probe: no change".to_owned(),

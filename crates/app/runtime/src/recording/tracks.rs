@@ -138,7 +138,7 @@ impl Tracks {
         self.starved = starved;
         let late = cycle.flags & flags::LATE != 0;
         if late && !self.late {
-            let text = "setpoints leave after they are due".to_owned();
+            let text = "setpoints are published late".to_owned();
             recorder.event(&event(
                 EventKind::Late,
                 0,

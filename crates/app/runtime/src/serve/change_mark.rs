@@ -76,8 +76,8 @@ impl ChangeMark {
     /// What is unknown, and the remedy.
     pub(crate) fn sentence(self) -> String {
         format!(
-            "{}, so it is not known which tool is in the spindle: look, see that the changer is clear, and \
-             name the tool by MDI, such as M61 Q3, or M61 Q0 for none",
+            "{}, so the tool in the spindle is unknown: check the spindle, check that the changer is clear, \
+             and set the tool by MDI, such as M61 Q3, or M61 Q0 for none",
             self.what()
         )
     }
@@ -85,7 +85,7 @@ impl ChangeMark {
     /// The same after `failure`, which comes first: the status holds one sentence, and the alarm adds the
     /// advice.
     pub(crate) fn sentence_behind(self, failure: &str) -> String {
-        format!("{failure}; {}: name the tool by MDI, such as M61 Q3", self.what())
+        format!("{failure}; {}: set the tool by MDI, such as M61 Q3", self.what())
     }
 
     fn what(self) -> String {
@@ -95,9 +95,9 @@ impl ChangeMark {
                     0 => "no tool".to_owned(),
                     number => format!("tool {number}"),
                 };
-                format!("the change from {} to {} was broken off", tool(from), tool(to))
+                format!("the change from {} to {} was interrupted", tool(from), tool(to))
             }
-            None => "a tool change was broken off, or what kept the tool cannot be read".to_owned(),
+            None => "a tool change was interrupted, or the saved tool cannot be read".to_owned(),
         }
     }
 }

@@ -112,7 +112,7 @@ impl Checking {
                 Ok(verdict) => Some(verdict),
                 Err(TryRecvError::Empty) => None,
                 Err(TryRecvError::Disconnected) => {
-                    let text = "the check of the program has died; load it again, and report this";
+                    let text = "the check of the program ended unexpectedly; load it again, and report this";
                     Some(Err(Rejection::new(Alarm::BadProgram, text)))
                 }
             };
@@ -212,6 +212,6 @@ mod tests {
         let (sender, mut died) = checking();
         drop(sender);
         let told = died.finding();
-        assert!(matches!(told, Some(Finding::Objection(text)) if text.contains("has died")));
+        assert!(matches!(told, Some(Finding::Objection(text)) if text.contains("ended unexpectedly")));
     }
 }

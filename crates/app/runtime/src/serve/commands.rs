@@ -32,8 +32,8 @@ impl Operator {
         let carried_out = match considered {
             Err(refused) => Err(refused),
             Ok(command) if self.book.is_crowded() && !is_always_carried_out(&command) => {
-                let text = "more is commanded than the cycle takes, so this has no effect; see which client \
-                            sends so much";
+                let text = "more commands arrived than the cycle could execute, so this one has no effect; \
+                            find the client that sends too many";
                 Err(self.desk.refuse(Rejection::new(Alarm::OrdersLost, text)))
             }
             Ok(command) => match self.begin_reading(request, &command) {

@@ -182,7 +182,7 @@ impl ControlLoop {
             };
             *told = true;
             let text = format!(
-                "messages of {what} are discarded, because {fault}: what they say is unknown; see the \
+                "messages of {what} are discarded, because {fault}: their content is unknown; check the \
                  bridge that sends them"
             );
             tell(ServeNews::Note(&text));

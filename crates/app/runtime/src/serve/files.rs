@@ -220,7 +220,7 @@ impl Readers {
     ) -> Result<Reading, Rejection> {
         if Arc::strong_count(&self.alive) > MAX_HUNG {
             let text = format!(
-                "{MAX_HUNG} files are still waited for; repair or unmount the file system that does not \
+                "{MAX_HUNG} files are still being read; repair or unmount the file system that does not \
                  reply, or restart the core"
             );
             return Err(Rejection::new(Alarm::File, text));
@@ -262,7 +262,7 @@ impl Reading {
                 Some(Err(Rejection::new(Alarm::File, text)))
             }
             Err(TryRecvError::Disconnected) => {
-                let text = format!("{}: its check has died; please report this", self.about);
+                let text = format!("{}: its check ended unexpectedly; please report this", self.about);
                 Some(Err(Rejection::new(Alarm::BadProgram, text)))
             }
         }

@@ -109,7 +109,7 @@ impl Operator {
         if switches {
             return Err(Rejection::new(
                 evolvent_control::Alarm::NoHandwheel,
-                "the handwheel has switches of its own for this: turn them",
+                "the handwheel has its own switches for this: turn them",
             ));
         }
         (desk.axis, desk.step) = (axis, step);

@@ -47,7 +47,7 @@ impl Operator {
         if !axes.is_empty() && self.view.presence != Presence::Operational {
             return Err(Rejection::new(
                 Alarm::NoFeedback,
-                "no bridge answers, so there is nothing to home with; start the bridge, then switch on",
+                "no bridge replies, so homing is not possible; start the bridge, then switch on",
             ));
         }
         // Axes that are homed again are unhomed until the sequence is complete.
@@ -255,7 +255,7 @@ impl Operator {
                 self.desk
                     .set_homed(self.desk.homed() | AxisMask::one(axis.index()));
                 self.relocate(here, false);
-                let text = format!("axis {}: machine zero is where the drive says", axis.letter());
+                let text = format!("axis {}: machine zero is taken from the drive", axis.letter());
                 self.record(ExternalEventKind::Command, CommandCode::Home as u32, text, None);
             }
             HomingAction::SetZero {

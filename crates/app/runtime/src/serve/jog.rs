@@ -179,7 +179,8 @@ impl Steered {
         if held.renew(client, now_ns) {
             return Ok(Some(held.until_ns()));
         }
-        let text = "the jog is another client's, and this does not keep it going; send JOG to take it over";
+        let text = "the jog belongs to another client, and this command does not renew it; send JOG to take \
+                    it over";
         Err(Rejection::new(Alarm::Busy, text))
     }
 }
@@ -232,7 +233,7 @@ impl Operator {
         let Some(steered) = self.steered().filter(|steered| !steered.stopping && !is_braking) else {
             return Err(Rejection::new(
                 Alarm::Busy,
-                "the last jog is coming to rest; jog again then",
+                "the last jog is still stopping; jog again when the axes are at rest",
             ));
         };
         let intent = steered.intent.taken_over_by(jog, held, &limits);

@@ -136,7 +136,7 @@ impl Operator {
         if away.legs.len() >= MAX_LEGS {
             return Err(Rejection::new(
                 Alarm::CannotLeave,
-                format!("the way back of {MAX_LEGS} jogs is stored and no more; drive it with `return`"),
+                format!("the way back is stored for at most {MAX_LEGS} jogs; drive it with `return`"),
             ));
         }
         // Consecutive jogs of one axis are one leg.

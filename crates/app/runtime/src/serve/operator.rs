@@ -311,7 +311,7 @@ impl Operator {
             self.record(
                 ExternalEventKind::Command,
                 0,
-                "the core was told to end".to_owned(),
+                "the core was requested to shut down".to_owned(),
                 None,
             );
         }

@@ -115,8 +115,12 @@ fn show_way(file: PathBuf, setup: Setup) -> Result<Receiver<String>, Rejection> 
         };
         let _gone = sender.send(text);
     });
-    spawned
-        .map_err(|error| Rejection::new(Alarm::Planner, format!("no thread for the way there: {error}")))?;
+    spawned.map_err(|error| {
+        Rejection::new(
+            Alarm::Planner,
+            format!("no thread to compute the approach: {error}"),
+        )
+    })?;
     Ok(way)
 }
 
@@ -128,8 +132,8 @@ fn way_there(start: &Start) -> String {
     };
     let line = start.restart.line;
     format!(
-        "{BEFORE_LINE}{line}; the way there (machine coordinates): {steps}. RESUME goes, STOP ends. As \
-         after: {}",
+        "{BEFORE_LINE}{line}; the approach (machine coordinates): {steps}. RESUME starts it, STOP ends the \
+         job. As after: {}",
         start.restart.modes
     )
 }
@@ -197,7 +201,7 @@ impl Operator {
         }
         if way.is_some() {
             self.message
-                .tell_of_stop(format!("{BEFORE_LINE}{line}; the way there is being worked out"));
+                .tell_of_stop(format!("{BEFORE_LINE}{line}; the approach is being computed"));
         }
         self.files.way = way;
         Ok(job)
@@ -209,7 +213,7 @@ impl Operator {
         let mut text = self.desk.program().unwrap_or_default().to_owned();
         if self.files.way.is_some() {
             text.push_str(&format!(
-                ": {}, and told by the status's message",
+                ": {}, and follows in the message of the status",
                 self.message.text()
             ));
         }

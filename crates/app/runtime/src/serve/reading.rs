@@ -163,7 +163,7 @@ impl Operator {
             // The final position of the axes is not known yet.
             OperatorCommand::TouchOff { .. } if !self.view.at_rest => Some(Err(Rejection::new(
                 Alarm::Busy,
-                "the axes still stop; touch off when they are at rest",
+                "the axes are still stopping; touch off when they are at rest",
             ))),
             _ => {
                 let saving = self.keep.save(self.memory_after(command)?);

@@ -164,7 +164,7 @@ impl Operator {
         let saving = self.keep.forget_change();
         self.files.tool_savings.push(saving);
         if let Some(text) = failure {
-            let text = format!("the tool change cannot be noted, so it does not begin: {text}");
+            let text = format!("the tool change cannot be recorded, so it does not begin: {text}");
             if let Job::Program(run) = &mut self.job {
                 run.has_failed = true;
             }
