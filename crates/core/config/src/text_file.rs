@@ -21,7 +21,7 @@ pub enum TextFileError {
         source: io::Error,
     },
     /// The file is too long.
-    #[error("{file}: longer than {max_bytes} bytes: this is no {kind}; check the path")]
+    #[error("{file}: longer than {max_bytes} bytes, too long for the {kind}; check the path")]
     TooLong {
         /// The file as given.
         file: String,
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(told(9), "not UTF-8 text at byte 8; save the file as UTF-8");
         assert_eq!(
             told(8),
-            "longer than 8 bytes: this is no network file; check the path"
+            "longer than 8 bytes, too long for the network file; check the path"
         );
         std::fs::write(&path, "a = 1").unwrap();
         assert_eq!(read_text(&path, 5, "network file").unwrap().0, "a = 1");

@@ -72,7 +72,7 @@ fn number(file: &str, line: usize, key: &str, (column, text): Field<'_>) -> Resu
             file,
             (line, column),
             key,
-            format!("{:?} is no number", shortened(text)),
+            format!("{:?} is not a number", shortened(text)),
             "write a number such as -12.5",
         )),
     }

@@ -203,13 +203,13 @@ fn invalid_tables_report_position_and_advice() {
         X,
         csv,
         &format!("{head}0,1\n10,a\n"),
-        &["folder/x.csv:3:4", "error_um", "\"a\" is no number", "write"],
+        &["folder/x.csv:3:4", "error_um", "\"a\" is not a number", "write"],
     );
     rejected(
         X,
         csv,
         &format!("{head}0,1\n10,inf\n"),
-        &["folder/x.csv:3:4", "is no number"],
+        &["folder/x.csv:3:4", "is not a number"],
     );
     rejected(
         X,
@@ -256,7 +256,7 @@ fn invalid_tables_report_position_and_advice() {
         X,
         comp,
         "0 0 0\n  10 0 x\n",
-        &["folder/x.comp:2:8", "\"x\" is no number"],
+        &["folder/x.comp:2:8", "\"x\" is not a number"],
     );
     rejected(X, comp, "10 0 0\n0 0 0\n", &["folder/x.comp:2:1", "sort"]);
     let json = "screw_table = \"x.json\"";

@@ -117,7 +117,7 @@ fn a_home_switch_out_of_search_range_is_a_warning() {
             "switch-index",
             "1.1 times the travel, and index_within_mm after the switch",
         ),
-        ("index", "index_within_mm from where the axis stands"),
+        ("index", "index_within_mm from the position of the axis"),
     ] {
         for (index, is_reached) in [
             (-50, true),

@@ -134,7 +134,7 @@ fn invalid_signals_are_rejected_with_advice() {
     rejected(
         "number = 1\nmax_rpm",
         "number = 0\nmax_rpm",
-        &["spindle[1].number", "spindle 0 exists already"],
+        &["spindle[1].number", "spindle 0 already exists"],
     );
     rejected(
         "number = 1\nmax_rpm",

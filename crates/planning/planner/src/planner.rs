@@ -57,8 +57,8 @@ pub enum PlanError<E> {
     },
     /// No motion from rest was found.
     #[error(
-        "no motion within the limits of the axes is found from line {line} on; the machine stands before \
-         it. Try `planner = \"classic\"` there, and please report the program and the machine file"
+        "no motion within the limits of the axes was found from line {line} on; the machine stops before it. \
+         Try `planner = \"classic\"`, and please report the program and the machine file"
     )]
     NoMotion {
         /// Line of the block at which planning failed.

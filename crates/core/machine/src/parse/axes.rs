@@ -18,7 +18,7 @@ impl Check<'_> {
             if let Some(first) = axes.iter().position(|other| other.letter == axis.letter) {
                 return Err(self.error(
                     &format!("axis[{index}].letter"),
-                    format!("axis {letter} is defined twice: axis[{first}] has that letter already"),
+                    format!("axis {letter} is defined twice: axis[{first}] already has that letter"),
                     "give each axis its own letter",
                 ));
             }
@@ -60,7 +60,7 @@ impl Check<'_> {
             _ => {
                 return Err(self.error(
                     &format!("{at}.letter"),
-                    format!("{:?} is no axis", shortened(&raw.letter)),
+                    format!("{:?} is not an axis", shortened(&raw.letter)),
                     "use one of X, Y, Z, A, B, C, U, V, W",
                 ));
             }

@@ -25,7 +25,7 @@ impl Check<'_> {
             let Some(axis) = axis else {
                 return Err(self.error(
                     &format!("{at}.axis"),
-                    format!("{:?} is no axis of this machine", shortened(&one.axis)),
+                    format!("{:?} is not an axis of this machine", shortened(&one.axis)),
                     "name an axis that has an [[axis]] table",
                 ));
             };
@@ -180,7 +180,7 @@ impl HomingKeys<'_> {
         ];
         for (key, is_given, fits) in keys {
             if is_given && !fits {
-                let what = format!("homing by \"{}\" has no use for it", method.name());
+                let what = format!("homing by \"{}\" does not use it", method.name());
                 let advice = format!("remove {key}, or choose another method");
                 return Err(self.check.error(&format!("{}.{key}", self.at), what, advice));
             }

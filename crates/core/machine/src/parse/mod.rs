@@ -115,7 +115,7 @@ impl Check<'_> {
             }
             (Some(_), Some(_)) => Err(self.error(
                 "lead_ms",
-                "the lead is given twice: lead_cycles is present already".to_owned(),
+                "the lead is given twice: lead_cycles is already present".to_owned(),
                 "keep one of lead_cycles and lead_ms",
             )),
         }

@@ -55,7 +55,7 @@ impl Check<'_> {
             if let Some((_, first)) = found {
                 return Err(self.error(
                     &key,
-                    format!("given a second time: {quantity}_{first} is there already"),
+                    format!("given twice: {quantity}_{first} is already present"),
                     format!("keep one of {}", alternatives(quantity, units)),
                 ));
             }

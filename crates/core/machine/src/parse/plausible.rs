@@ -102,7 +102,7 @@ impl Check<'_> {
             HomingMethod::Index { within } => (
                 "index",
                 within,
-                format!("the search covers index_within_{unit} from where the axis stands"),
+                format!("the search covers index_within_{unit} from the position of the axis"),
             ),
             HomingMethod::Absolute => return None,
         };

@@ -110,7 +110,7 @@ impl Check<'_> {
             return Err(self.error(&key, what, advice));
         }
         if let Some(first) = taken.names.insert(name.to_owned(), at.to_owned()) {
-            let what = format!("the name {name:?} is used by {first} already");
+            let what = format!("the name {name:?} is already used by {first}");
             return Err(self.error(&key, what, "give every input and output its own name"));
         }
         let key = format!("{at}.number");
@@ -120,7 +120,7 @@ impl Check<'_> {
             SignalKind::Analog => &mut taken.analog,
         };
         if let Some(first) = numbers.insert(number, at.to_owned()) {
-            let what = format!("{} number {number} is used by {first} already", kind.name());
+            let what = format!("{} number {number} is already used by {first}", kind.name());
             return Err(self.error(&key, what, "choose another number"));
         }
         Ok(checked)
@@ -160,7 +160,7 @@ impl Check<'_> {
             let key = format!("spindle[{index}].number");
             let number = self.whole_number(&key, spindle.number, 0, i64::from(MAX_SPINDLES) - 1)?;
             if spindles.iter().any(|other| other.number == number) {
-                let what = format!("spindle {number} exists already");
+                let what = format!("spindle {number} already exists");
                 return Err(self.error(&key, what, "give every spindle its own number, 0 to 3"));
             }
             self.number(&format!("spindle[{index}].max_rpm"), spindle.max_rpm, 1e-3, 1e6)?;
