@@ -88,8 +88,8 @@ pub enum BridgeError {
     Privileges(std::io::Error),
     /// The bus has a new folder, to which the bridge has no access any more.
     #[error(
-        "the bus's folder {folder} was made, or made again, after the bridge had given up its rights to \
-         other folders: start the bridge again"
+        "the bus's folder {folder} was created, or created again, after the bridge had dropped its rights to \
+         other folders: restart the bridge"
     )]
     Folder {
         /// The folder.

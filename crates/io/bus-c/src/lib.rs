@@ -92,7 +92,7 @@ pub unsafe extern "C" fn evolvent_bridge_open(
     error_size: usize,
 ) -> *mut EvolventBridge {
     let Some(name) = text(machine_name) else {
-        tell("the machine's name is no text", error, error_size);
+        tell("the machine's name is not valid text", error, error_size);
         return core::ptr::null_mut();
     };
     let mut config = ClientConfig::new(&name);

@@ -126,7 +126,7 @@ impl ControlServer {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CommandError {
     /// It was not sent.
-    #[error("the command was not sent ({cause}): is the core still there?")]
+    #[error("the command was not sent ({cause}): check that the core still runs")]
     NotSent {
         /// iceoryx2's name for the cause.
         cause: String,

@@ -200,7 +200,7 @@ pub enum ReceiveError {
     },
     /// The sender was built for another version of the contract.
     #[error(
-        "a message on {channel} has interface version {version} and {size} bytes, this build knows \
+        "a message on {channel} has interface version {version} and {size} bytes, this build supports \
          {known_version} and {known_size}: update the older side"
     )]
     Version {

@@ -9,7 +9,7 @@ const fn fault_advice(error_code: u32) -> &'static str {
     match error_code {
         // CiA 402: communication. Bridges report it of every drive whose data they do not have.
         0x7500..=0x75FF => {
-            "its link to the bridge was lost, as may be that of other drives; see what the bridge says, \
+            "its link to the bridge was lost, and possibly that of other drives; read the bridge's messages, \
              check cables and supplies, reset"
         }
         _ => "see the drive's manual, remove the cause, reset",
@@ -107,7 +107,7 @@ pub enum DriveAlarm {
     /// A drive has left operation without a fault.
     #[error(
         "the drive of axis {} has switched itself off (status word {status_word:#06x}): check its enable \
-         input and its supply; one that homes by itself switches off for it: then switch on again",
+         input and its supply; a drive that homes by itself switches off to home: switch on again afterwards",
         AxisLetter::letter_of(*axis)
     )]
     DriveOff {
@@ -119,7 +119,8 @@ pub enum DriveAlarm {
     /// A drive does not come into operation.
     #[error(
         "the drive of axis {} was not ready within {:.0} ms (status word {status_word:#06x}): check supply, \
-         safety circuit and bridge; one that homes by itself: wait for its end, then switch off and on",
+         safety circuit and bridge; if the drive homes by itself, wait until it has homed, then switch off \
+         and on",
         AxisLetter::letter_of(*axis), ms(*waited_ns)
     )]
     NotEnabled {
@@ -194,7 +195,7 @@ pub enum DriveAlarm {
     },
     /// Replies to setpoints that were never sent.
     #[error(
-        "the bridge answers setpoint {sequence}, the last sent is {sent}: it belongs to another core, \
+        "the bridge replies to setpoint {sequence}, the last sent is {sent}: it belongs to another core, \
          restart it"
     )]
     Implausible {
@@ -215,8 +216,8 @@ pub enum DriveAlarm {
     },
     /// A field has an impossible value.
     #[error(
-        "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check {} and bridge, \
-         nothing of this message was used",
+        "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check {} and bridge; the \
+         whole message was rejected",
         axis.map(|axis| format!(" of axis {}", AxisLetter::letter_of(axis))).unwrap_or_default(),
         source_of(field)
     )]

@@ -75,8 +75,8 @@ pub enum SpindleEncoderFault {
     },
     /// A pulse is not a whole number of turns away from the first.
     #[error(
-        "the index pulse came {counts} counts from its place: counts were lost, or one was added; check \
-         cable, shield and coupling, counts_per_rev and gear"
+        "the index pulse came {counts} counts from its position: counts were lost or added; check cable, \
+         shield and coupling, counts_per_rev and gear"
     )]
     LostCounts {
         /// Deviation in counts, in the direction of the spindle.

@@ -17,14 +17,14 @@ pub(crate) const fn what_to_check(code: u16) -> Option<&'static str> {
             "frames did not reach it in time: check the cable before it, the card and its driver (`evolvent \
              doctor --network`)"
         }
-        0x001F => "its watchdog does not take the time that it was given: check its manual",
+        0x001F => "its watchdog does not accept the configured time: check its manual",
         0x0020..=0x0023 => "switch its supply off and on",
         0x0027 | 0x0028 => {
             "it needs another synchronisation: set `distributed_clocks` in the network file as its manual \
              says"
         }
         0x001A | 0x002C | 0x002D | 0x0030..=0x0034 => {
-            "SYNC0 does not come as it needs it: check `distributed_clocks` in the network file, and the \
+            "SYNC0 does not arrive as it requires: check `distributed_clocks` in the network file, and the \
              jitter of frames (`evolvent doctor --network`)"
         }
         0x0035..=0x0037 => {

@@ -73,7 +73,7 @@ pub enum FitError {
     },
     /// Object 60C2h cannot hold the period of the machine file's rate.
     #[error(
-        "the drives cannot be given the period of the machine file, {period_ns} ns ({rate}): object 60C2h \
+        "the drives cannot be set to the period of the machine file, {period_ns} ns ({rate}): object 60C2h \
          holds a whole number from 1 to 255 times a power of ten seconds; write rate = {usual_hz} there"
     )]
     Period {
@@ -135,7 +135,7 @@ pub enum FitError {
     },
     /// The machine file permits more than the channel provides.
     #[error(
-        "device `{device}`: the output `{name}` may be {asked} by the machine file, its channel gives \
+        "device `{device}`: the output `{name}` may be {asked} in the machine file, but its channel supports \
          {least} to {most}: set min and max there, or `raw` and `values` here"
     )]
     SignalRange {
@@ -297,7 +297,7 @@ pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
             let letter = listed.letter.letter();
             notes.push(format!(
                 "{letter} is homed by its drive and has no [[homing]] in the machine file: its coordinates \
-                 jump as the drive finds its zero, and the core no longer counts it as homed; write \
+                 jump when the drive finds its zero, and the core no longer counts it as homed; write \
                  [[homing]] with axis = \"{letter}\" and method = \"absolute\""
             ));
         }
@@ -309,16 +309,15 @@ pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
         notes.extend(match (listed.has_feedback(), drive) {
             (true, None) => Some(format!(
                 "spindle {number} has feedback = true in the machine file and no [device.spindle] in the \
-                 network file: threads, M19 and every feed behind M3 wait for another bridge that measures \
-                 it"
+                 network file: threads, M19 and every feed after M3 wait for another bridge that measures it"
             )),
             (false, Some(_)) => Some(format!(
-                "spindle {number} is measured by its drive, and nobody uses it: write feedback = true at \
-                 its [[spindle]] in the machine file"
+                "spindle {number} is measured by its drive, but the measurement is not used: write feedback \
+                 = true at its [[spindle]] in the machine file"
             )),
             (true, Some(drive)) if !drive.knows_angle() => Some(format!(
                 "spindle {number} has neither index_probe nor absolute_zero: its speed is measured, but its \
-                 angle is not known, and threads and M19 are refused"
+                 angle is not known, and threads and M19 are rejected"
             )),
             (true, Some(drive)) if drive.orientation.is_none() => Some(format!(
                 "spindle {number}: M19 is not possible, because nothing turns it to an angle (orientation)"

@@ -266,7 +266,7 @@ pub fn network_text(devices: &[FoundDevice], interface: &str, letters: &[AxisLet
             let _written = if fits(increments, [motor, shaft]) {
                 writeln!(text, "gear = [{motor}, {shaft}] # by 6091h")
             } else {
-                writeln!(text, "# 6091h says {motor} to {shaft}, which makes no gear.")
+                writeln!(text, "# 6091h has {motor} to {shaft}, which is not a valid gear.")
             };
         }
         if !device.sii.is_mappable {

@@ -187,12 +187,12 @@ fn recording_text(trouble: DumpTrouble) -> String {
     let error = std::io::Error::from_raw_os_error;
     match trouble {
         DumpTrouble::HalfDropped { errno } => format!(
-            "the recording of the wire goes on without its older half: {}; make room on its disk, or record \
-             less (--dump-mib)",
+            "the recording of the wire continues without its older half: {}; free space on its disk, or \
+             record less (--dump-mib)",
             error(errno)
         ),
         DumpTrouble::Ended { errno } => format!(
-            "the recording of the wire has ended: {}; the file has what was recorded until now",
+            "the recording of the wire has ended: {}; the file contains what was recorded until now",
             error(errno)
         ),
     }
@@ -271,7 +271,7 @@ impl Hardware for RunSettings {
             ),
             Notice::Homed { axis, found: true } => {
                 format!(
-                    "drive of {}: machine zero found; when all have, switch power off and on",
+                    "drive of {}: machine zero found; when all drives have found it, switch power off and on",
                     AxisLetter::letter_of(axis)
                 )
             }

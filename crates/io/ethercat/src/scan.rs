@@ -102,7 +102,10 @@ fn scan_socket(socket: &PacketSocket) -> Result<Vec<FoundDevice>, ScanError> {
     let storage = PduStorage::<FRAMES, FRAME_DATA>::new();
     let failed = |doing, why: String| ScanError::Main { doing, why };
     let Ok((tx, rx, pdus)) = storage.try_split() else {
-        return Err(failed("making room for frames", "there is none".to_owned()));
+        return Err(failed(
+            "reserving the frame buffer",
+            "it is not available".to_owned(),
+        ));
     };
     let mut pump = Pump::new(tx, rx, socket, None);
     let timeouts = Timeouts {

@@ -159,7 +159,7 @@ pub(crate) fn run_session(
         why: why.to_string(),
     };
     let Ok((tx, rx, pdus)) = storage.try_split() else {
-        return Err(failed("making room for frames", &"there is none"));
+        return Err(failed("reserving the frame buffer", &"it is not available"));
     };
     let mut pump = Pump::new(tx, rx, socket, dump);
     let timeouts = Timeouts {

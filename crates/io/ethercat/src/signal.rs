@@ -340,7 +340,7 @@ impl OutputFile {
         if is_drive {
             return Err(sheet.error(
                 key,
-                "outputs of a drive are not served".to_owned(),
+                "outputs of a drive are not supported".to_owned(),
                 "use a terminal",
             ));
         }

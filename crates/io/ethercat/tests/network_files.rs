@@ -373,7 +373,7 @@ fn signals_are_compared_with_the_machine_file() {
         (
             "6000",
             "6001",
-            "may be 6001 by the machine file, its channel gives 0 to 6000",
+            "may be 6001 in the machine file, but its channel supports 0 to 6000",
         ),
     ] {
         assert!(good.contains(from), "{from}");
@@ -503,7 +503,7 @@ fn spindle_drive_is_read_and_checked_and_refused() {
     assert_eq!(check_fit(&measured, &network), Ok(()));
     assert_eq!(fit_notes(&measured, &network), Vec::<String>::new());
     let deaf = with("\n[[spindle]]\nmax_rpm = 3000\n");
-    assert!(fit_notes(&deaf, &network)[0].contains("nobody uses it"));
+    assert!(fit_notes(&deaf, &network)[0].contains("is not used"));
     let alone = Network::parse(&shipped("networks/sim-mill.toml"), "network.toml").expect("a network");
     assert!(fit_notes(&measured, &alone)[0].contains("no [device.spindle]"));
     let other = with("\n[[spindle]]\nnumber = 1\nmax_rpm = 3000\n");

@@ -165,7 +165,7 @@ pub enum DescriptionError {
     },
     /// Another configuration.
     #[error(
-        "the configuration calls itself `{found}` instead of HOSTMOT2: write a HostMot2 bit file with \
+        "the configuration has the name `{found}` instead of HOSTMOT2: write a HostMot2 bit file with \
          `mesaflash`"
     )]
     Configuration {
@@ -174,8 +174,8 @@ pub enum DescriptionError {
     },
     /// An unknown IDROM type.
     #[error(
-        "the IDROM is of type {found}, and 2 or 3 are known: the firmware is newer than this software, or \
-         damaged"
+        "the IDROM is of type {found}, but only 2 and 3 are supported: the firmware is newer than this \
+         software, or damaged"
     )]
     Idrom {
         /// Its type.
@@ -183,8 +183,8 @@ pub enum DescriptionError {
     },
     /// An invalid value.
     #[error(
-        "the IDROM says {what} {value}: the configuration is damaged; write its bit file again with \
-         `mesaflash`"
+        "the IDROM has an invalid value, {what} {value}: the configuration is damaged; write its bit file \
+         again with `mesaflash`"
     )]
     Figure {
         /// Which.
@@ -214,20 +214,20 @@ impl Description {
             let found = String::from_utf8_lossy(&characters).escape_default().to_string();
             return Err(DescriptionError::Configuration { found }.into());
         }
-        let at = figure("its own address", head[3], 0x0100, 0xFF00)? as u16;
+        let at = figure("own address", head[3], 0x0100, 0xFF00)? as u16;
         let mut idrom = [0; 16];
         registers.read(at, &mut idrom)?;
         if !matches!(idrom[0], 2 | 3) {
             return Err(DescriptionError::Idrom { found: idrom[0] }.into());
         }
-        let modules_at = address(at, "its modules at", idrom[1], 12 * MAX_MODULES)?;
+        let modules_at = address(at, "address of the modules", idrom[1], 12 * MAX_MODULES)?;
         let ports = figure("ports", idrom[7], 1, 8)? as usize;
         let pins = figure("pins", idrom[8], 1, MAX_PINS)?;
-        let port_width = figure("pins a port", idrom[9], 1, 32)?;
-        let pins_at = address(at, "its pins at", idrom[2], 4 * pins as usize)?;
+        let port_width = figure("pins per port", idrom[9], 1, 32)?;
+        let pins_at = address(at, "address of the pins", idrom[2], 4 * pins as usize)?;
         let clocks = [
-            figure("a low clock of Hz", idrom[10], 1_000_000, 1_000_000_000)?,
-            figure("a high clock of Hz", idrom[11], 1_000_000, 1_000_000_000)?,
+            figure("low clock in Hz", idrom[10], 1_000_000, 1_000_000_000)?,
+            figure("high clock in Hz", idrom[11], 1_000_000, 1_000_000_000)?,
         ];
         let stride = |option: u32, first: usize| idrom[first + (option & 1) as usize] as u16;
         let mut modules = Vec::new();
@@ -393,10 +393,10 @@ mod tests {
     #[test]
     fn tables_beyond_the_last_address_are_an_error() {
         for (idrom, pins, what) in [
-            (0xFF00, 144, Some("its modules at")),
-            (0xFDF0, 144, Some("its pins at")),
+            (0xFF00, 144, Some("address of the modules")),
+            (0xFDF0, 144, Some("address of the pins")),
             (0xFD00, 64, None),
-            (0xFD00, 65, Some("its pins at")),
+            (0xFD00, 65, Some("address of the pins")),
         ] {
             let (ports, width) = (8, 32);
             let mut board = Claim {

@@ -309,16 +309,16 @@ pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
         notes.extend(match (listed.has_feedback(), angle) {
             (true, None) => Some(format!(
                 "spindle {number} has feedback = true in the machine file and no encoder in the board file: \
-                 threads, M19 and every feed behind M3 wait for another bridge that measures it; give \
-                 encoder and counts_per_rev at its [[spindle]]"
+                 threads, M19 and every feed after M3 wait for another bridge that measures it; give encoder \
+                 and counts_per_rev at its [[spindle]]"
             )),
             (false, Some(_)) => Some(format!(
-                "spindle {number} has an encoder in the board file, and nobody uses it: write feedback = \
+                "spindle {number} has an encoder in the board file, but it is not used: write feedback = \
                  true at its [[spindle]] in the machine file"
             )),
             (true, Some(angle)) if angle.settings.index == SpindleIndex::None => Some(format!(
                 "spindle {number} has index = \"none\": its speed is measured, but its angle is not known, \
-                 and threads and M19 are refused"
+                 and threads and M19 are rejected"
             )),
             (true, Some(angle)) if angle.settings.index == SpindleIndex::PerEncoderTurn => Some(format!(
                 "spindle {number} has its index on an encoder behind a gear: after a restart of the bridge \

@@ -60,7 +60,7 @@ pub enum SessionError {
     #[error(
         "the board's watchdog has tripped: no packet arrived for {watchdog_ms:.0} ms; check what suspended \
          this computer's processes (`evolvent doctor`), or permit more (watchdog_ms; after {most_ms:.0} ms \
-         without a reading the axes have to be homed all the same)"
+         without a reading the axes have to be homed in any case)"
     )]
     Bitten {
         /// Its time.

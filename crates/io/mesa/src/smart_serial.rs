@@ -51,7 +51,7 @@ const TX_ENABLE: u8 = 0x91;
 pub enum RemoteError {
     /// The board has no such module, or one of another kind.
     #[error(
-        "the board file requires smart serial port {port}, and the firmware of this board has {ports}: \
+        "the board file requires smart serial port {port}, but the firmware of this board has {ports}: \
          correct `port`"
     )]
     NoPort {

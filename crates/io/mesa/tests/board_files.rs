@@ -357,7 +357,7 @@ fn a_spindle_that_only_one_file_measures_is_noted() {
     assert!(notes(&machine, &without).contains("feedback = true in the machine file and no encoder"));
     let mut deaf = machine.clone();
     deaf.signals.spindles[0].at_speed = evolvent_machine::AtSpeed::Unknown;
-    assert!(notes(&deaf, &lathe_text()).contains("nobody uses it"));
+    assert!(notes(&deaf, &lathe_text()).contains("is not used"));
     let no_index = lathe_text()
         .replace("index = \"spindle\"", "index = \"none\"")
         .replace("orientation = ", "# ");

@@ -46,9 +46,8 @@ pub enum ReadError {
     },
     /// An MCAP file of another program, or one whose description was lost.
     #[error(
-        "{} does not say what was run: its metadata `evolvent.run` is missing; it is another program's, or \
-         was lost before it \
-         was recovered: take another copy", .path.display()
+        "{} does not contain what was run: its metadata `evolvent.run` is missing; the file is from another \
+         program, or the metadata was lost before the recovery: use another copy", .path.display()
     )]
     NoRun {
         /// The file.
@@ -83,8 +82,8 @@ fn unfinished(path: &Path, is_being_written: bool) -> String {
     let name = path.display();
     if is_being_written {
         format!(
-            "{name} is still being written: it is complete when its run ends; to look at it now, copy it \
-             and run `evolvent trace recover` on the copy"
+            "{name} is still being written: it is complete when its run ends; to read it now, copy it and \
+             run `evolvent trace recover` on the copy"
         )
     } else {
         format!(
@@ -108,20 +107,21 @@ pub(crate) fn unreadable(path: &Path, source: &io::Error) -> String {
         io::ErrorKind::NotFound if part.exists() => {
             let part = part.display();
             format!(
-                "{name} is not there, but {part} is: its run continues, or was aborted; end the run, or \
+                "{name} does not exist, but {part} does: its run continues, or was aborted; end the run, or \
                  save the recorded part with `evolvent trace recover {part}`"
             )
         }
         io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => format!(
-            "{name} is not there; check the name: runs write traces/PROGRAM-TIME.mcap in the folder where \
-             they were \
-             started, unless --trace says otherwise"
+            "{name} does not exist; check the name: runs write traces/PROGRAM-TIME.mcap in the folder where \
+             they were started, unless --trace names another file"
         ),
         io::ErrorKind::IsADirectory => format!("{name} is a folder; name one of the traces in it"),
         // A pipe or a device.
         io::ErrorKind::InvalidInput => format!("{name} is not a trace: {source}"),
         io::ErrorKind::PermissionDenied => {
-            format!("{name} may not be read by you: {source}; ask its owner to make it readable, or copy it")
+            format!(
+                "{name} cannot be read by this user: {source}; ask its owner to make it readable, or copy it"
+            )
         }
         _ => format!("{name} cannot be read: {source}; check its disk or network, and try again"),
     }

@@ -19,7 +19,7 @@ fn a_file_that_cannot_be_read_is_told_with_what_to_do() {
     for (kind, wanted, is_wrong_name) in [
         (
             io::ErrorKind::NotFound,
-            "run.mcap is not there; check the name",
+            "run.mcap does not exist; check the name",
             true,
         ),
         (

@@ -301,8 +301,8 @@ mod tests {
             ]
         };
         for (name, wanted) in [
-            ("none.mcap", "is not there; check the name"),
-            ("none/run.mcap", "is not there; check the name"),
+            ("none.mcap", "does not exist; check the name"),
+            ("none/run.mcap", "does not exist; check the name"),
             ("", "is a folder; name one of the traces in it"),
             ("empty.mcap", "is not a trace: it"),
             ("text.mcap", "is not a trace: it"),

@@ -83,7 +83,7 @@ pub enum SessionError {
     #[error(transparent)]
     Limits(#[from] SettingsError),
     /// A device rejected a state.
-    #[error("a device did not come into {wanted}: {states}")]
+    #[error("a device did not reach {wanted}: {states}")]
     State {
         /// The state.
         wanted: &'static str,

@@ -221,7 +221,7 @@ pub(super) fn check_gantries(axes: &[BoardAxis], sheet: &ConfigDocument<'_>) -> 
                 return Err(sheet.error(
                     &key,
                     "the home switches of a gantry have different filters".to_owned(),
-                    "give both `slow` or neither: one edge would be seen later than the other",
+                    "give both `slow` or neither: one edge would be detected later than the other",
                 ));
             }
             (None, Some(_)) | (Some(_), None) => {

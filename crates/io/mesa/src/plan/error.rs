@@ -9,7 +9,7 @@ use crate::smart_serial::RemoteError;
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PlanError {
     /// Another board.
-    #[error("the board calls itself {found}, the board file says {wanted}: correct `name` or `address`")]
+    #[error("the board has the name {found}, the board file has {wanted}: correct `name` or `address`")]
     Name {
         /// The name found on the network.
         found: String,
@@ -18,9 +18,8 @@ pub enum PlanError {
     },
     /// A kind of module is missing, or has too few instances.
     #[error(
-        "the board file asks for {what} {unit}, and the firmware of this {board} has {instances}: correct \
-         the number, or write a \
-         bit file with more of them"
+        "the board file uses {what} {unit}, but the firmware of this {board} has {instances}: correct the \
+         number, or write a bit file with more of them"
     )]
     Module {
         /// Its function.
@@ -95,7 +94,7 @@ pub enum PlanError {
     /// A watchdog that would trip between two packets.
     #[error(
         "watchdog_ms is {watchdog_ms}, and packets come every {period_ms:.3} ms: give at least two periods, \
-         better ten"
+         preferably ten"
     )]
     Watchdog {
         /// Its time.
@@ -139,7 +138,7 @@ pub enum PlanError {
     },
     /// A 16-bit counter may wrap before the session ends for lack of replies.
     #[error(
-        "{what} {unit} turns over in {longest_ms:.1} ms at 1.2 times the maximum speed, which is not seen \
+        "{what} {unit} overflows in {longest_ms:.1} ms at 1.2 times the maximum speed, which is not detected \
          while max_lost_packets = {max_lost} replies are missing: {}",
         cure(*.permitted)
     )]
