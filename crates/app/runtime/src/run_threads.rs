@@ -146,7 +146,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         let subscribers = opening.wait()?;
         if subscribers < job.wait_for_subscribers {
             self.note(&format!(
-                "{subscribers} of {} subscribers came; the run starts without the others",
+                "{subscribers} of {} subscribers connected; the run starts without the others",
                 job.wait_for_subscribers
             ));
         }

@@ -469,8 +469,8 @@ impl AxisHoming {
         HomingAction::Fail(Rejection::new(
             Alarm::IndexMissing,
             format!(
-                "axis {}: the bridge latched an index pulse after {along:.4}, expected was within {:.4}; \
-                 check the bridge's scale of the encoder",
+                "axis {}: the bridge latched an index pulse after {along:.4}, but it was expected within \
+                 {:.4}; check the bridge's scale of the encoder",
                 self.axis.axis.letter(),
                 self.within()
             ),

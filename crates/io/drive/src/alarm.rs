@@ -53,9 +53,8 @@ pub enum DriveAlarm {
     },
     /// Messages arrive, but their samples do not become newer.
     #[error(
-        "feedback comes, but has repeated the sample of setpoint {sequence} for {:.1} ms: the bridge runs \
-         without its \
-         drives, check the fieldbus",
+        "feedback arrives, but has repeated the sample of setpoint {sequence} for {:.1} ms: the bridge runs \
+         without its drives, check the fieldbus",
         ms(*age_ns)
     )]
     Frozen {
@@ -166,7 +165,7 @@ pub enum DriveAlarm {
     },
     /// The axis has run onto a limit switch.
     #[error(
-        "axis {} has run onto its {} limit switch: jog it off the other way",
+        "axis {} has run onto its {} limit switch: jog it off the switch in the other direction",
         AxisLetter::letter_of(*axis), if *positive { "positive" } else { "negative" }
     )]
     LimitSwitch {

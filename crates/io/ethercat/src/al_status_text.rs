@@ -5,8 +5,8 @@ pub(crate) const fn what_to_check(code: u16) -> Option<&'static str> {
     Some(match code {
         0x0014 => "load its firmware with the vendor's tool",
         0x0015 | 0x0016 => {
-            "its mailbox is set up as its EEPROM says: check that its firmware and its EEPROM are of one \
-             revision"
+            "its mailbox is set up as its EEPROM specifies: check that its firmware and its EEPROM are of \
+             one revision"
         }
         0x0017 | 0x001C..=0x001E | 0x0024..=0x0026 => {
             "compare its process data, which `--scan` lists, with those of the network file; `map = false` \
@@ -21,7 +21,7 @@ pub(crate) const fn what_to_check(code: u16) -> Option<&'static str> {
         0x0020..=0x0023 => "switch its supply off and on",
         0x0027 | 0x0028 => {
             "it needs another synchronisation: set `distributed_clocks` in the network file as its manual \
-             says"
+             specifies"
         }
         0x001A | 0x002C | 0x002D | 0x0030..=0x0034 => {
             "SYNC0 does not arrive as it requires: check `distributed_clocks` in the network file, and the \

@@ -321,8 +321,8 @@ pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
                  and threads and M19 are rejected"
             )),
             (true, Some(angle)) if angle.settings.index == SpindleIndex::PerEncoderTurn => Some(format!(
-                "spindle {number} has its index on an encoder behind a gear: after a restart of the bridge \
-                 a thread that was begun before may not be met again"
+                "spindle {number} has its index on an encoder behind a gear: after a restart of the bridge a \
+                 thread that was begun before may not be matched again"
             )),
             _ => None,
         });

@@ -372,9 +372,10 @@ impl Parts {
         let mut maps = self.maps(&mut source)?;
         let run = match maps.remove(schema::RUN) {
             None => None,
-            Some(map) => {
-                Some(RunInfo::from_metadata(&map).ok_or_else(|| source.damaged(0, "what its metadata say"))?)
-            }
+            Some(map) => Some(
+                RunInfo::from_metadata(&map)
+                    .ok_or_else(|| source.damaged(0, "the content of its metadata"))?,
+            ),
         };
         let count = |id: u16| {
             self.statistics

@@ -362,7 +362,7 @@ impl SpindleFile {
                 key,
                 "orient and oriented belong together".to_owned(),
                 "give the output that makes the drive turn the spindle to its angle, and the input that \
-                 says it is there",
+                 reports that it is there",
             )),
         }
     }
