@@ -134,7 +134,7 @@ fn an_open_page_reports_a_restart_and_an_ended_run() {
     let option = format!("--screen={}", free.expect("a free port"));
     let mut scene = Scene::with("screen-again", &[&option]);
     let [address, _] = scene.served.as_mut().expect("a core").screen();
-    let texts = ["The service has ended", "was started again and has a new key"];
+    let texts = ["The service has ended", "was restarted and has a new key"];
     let Some(mut page) = staying(&address, &texts) else {
         return;
     };

@@ -81,7 +81,7 @@ onMachine('macros run block by block, are asked for, and end where a block is re
   await until('X 3', async () => (await number(page, 'large-X')) === 3 || number(page, 'large-X'));
   await until('ready', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'));
   await page.locator('[data-macro="Wrong"]').click();
-  await until('its fault', async () => /Wrong has ended at block 2/.test(await text(page, 'macros')) || text(page, 'macros'));
+  await until('its fault', async () => /Wrong ended at block 2/.test(await text(page, 'macros')) || text(page, 'macros'));
   await page.waitForTimeout(300);
   assert.equal(await number(page, 'large-X'), 1, 'no block behind the one that was rejected');
   // Read again when it changes; what is wrong is told with its place.

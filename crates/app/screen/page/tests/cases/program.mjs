@@ -230,7 +230,7 @@ anywhere('a held program is left by a jog, resumed only after the way back, and 
   await until('Z 10 higher', async () => Math.abs((await number(page, 'large-Z')) - held[2] - 10) < 0.0015 || number(page, 'large-Z'));
   await until('a way back', async () => (await disabled('return')) === false);
   for (const name of ['resume', 'step', 'retrace', 'home-X']) assert.equal(await disabled(name), true, `${name} while away`);
-  assert.match(await text(page, 'advice'), /Z left the held program. Press “Return”/);
+  assert.match(await text(page, 'advice'), /Z moved away from the held program. Press “Return”/);
   assert.match(await text(page, 'jog-note'), /away from the program; the way back/);
   // A jog with the finger on it, which ends where it is lifted.
   await page.locator(at('increment-0')).click();
@@ -238,7 +238,7 @@ anywhere('a held program is left by a jog, resumed only after the way back, and 
   await until('X moves', async () => (await number(page, 'large-X')) < held[0] - 1);
   await page.mouse.up();
   await rests(page, 'X');
-  await until('X and Z', async () => /X Z left/.test(await text(page, 'advice')) || text(page, 'advice'));
+  await until('X and Z', async () => /X Z moved away/.test(await text(page, 'advice')) || text(page, 'advice'));
   assert.equal(await text(page, 'state'), 'Held');
   if (context.real) {
     // The core refuses it as well, whatever a page sends.
@@ -308,7 +308,7 @@ onMachine('a program that another client has loaded is shown before it can be st
   await until('the way', async () => (await told.locator('ol').count()) === 1 || told.innerText());
   const loading = context.ctl('load', other);
   // The dialog of what was shown starts nothing any more.
-  await until('the dialog is off', async () => (await page.locator(at('run-from-ok')).isDisabled()) && /mine\.ngc is not what would start/.test(await told.innerText()) || told.innerText());
+  await until('the dialog is off', async () => (await page.locator(at('run-from-ok')).isDisabled()) && /mine\.ngc would no longer be started/.test(await told.innerText()) || told.innerText());
   await page.keyboard.press('Escape');
   await until('the loaded program is shown', async () => {
     const seen = await look();
