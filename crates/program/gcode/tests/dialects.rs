@@ -83,6 +83,51 @@ fn other_dialects_are_told_what_to_write_here() {
         ("M17\nG0 X1\n", 1, "end of a subroutine", "endsub"),
         ("M10\nG0 X1\n", 1, "clamp", "user_codes"),
         ("M41\nG0 X1\n", 1, "gear", "user_codes"),
+        ("M31\nG0 X1\n", 1, "chip conveyor", "user_codes"),
+        ("G0 G80 Z10 M89\nG0 X1\n", 1, "through the spindle", "M9"),
+        ("M84\nG0 X1\n", 1, "air blast", "M7"),
+        ("M69\nG0 X1\n", 1, "clamp", "user_codes"),
+        ("M24\nG0 X1\n", 1, "no M24", "100 to 199"),
+        ("M215\nG0 X1\n", 1, "no M215", "100 to 199"),
+        ("G00 G45 H03 Z2.0\nG0 X1\n", 1, "G45 to G48", "G43 H"),
+        ("G47 P0 X2 Y2 E10 F15\nG0 X1\n", 1, "engraves", "characters"),
+        ("G103 P1\nG0 X1\n", 1, "limit of the look-ahead", "delete"),
+        ("G10 L2 P1 X0\nG11\nG0 X1\n", 2, "end of data input", "delete"),
+        ("G112\nG0 X1\n", 1, "polar coordinate", "postprocessor"),
+        ("G12.1\nG0 X1\n", 1, "polar coordinate", "postprocessor"),
+        ("G50.1 X0\nG0 X1\n", 1, "mirror", "other sign"),
+        ("G37 Z-10\nG0 X1\n", 1, "measurement of a tool", "G38.2"),
+        ("G34 Z-10 F1 K0.1\nG0 X1\n", 1, "variable lead", "G33"),
+        ("G78 X10 Z-5 F1\nG0 X1\n", 1, "G77 to G79", "G76"),
+        ("G150 P1 X1 Y1\nG0 X1\n", 1, "pocket", "G13.2"),
+        ("G10 L12 P5 R6\nG0 X1\n", 1, "G10 supports", "G10 L1 P.. R.."),
+        (
+            "F100\nG83 X9 Y2 Z-20 R2 Q2 P500\nG0 X1\n",
+            2,
+            "no dwell",
+            "delete P500",
+        ),
+        ("F100\nG81 X1 Z-5 R1 K3\nG0 X1\n", 2, "repetitions", "write L3"),
+        ("F100\nG81 X1 Z-5 R1 K0\nG0 X1\n", 2, "repetitions", "first hole"),
+        ("F100\nG81 X1 Z-5 R1 L0\nG0 X1\n", 2, "1 to", "first hole"),
+        ("F100\nG83 X1 Z-5 R1 Q1 I3\nG0 X1\n", 2, "same depth", "write Q"),
+        ("$BR0137.MIN%\nG0 X1\n", 1, "name of a program", "comment"),
+        ("G0 X1,5 Y2\nG0 X1\n", 1, "X1,5", "write X1.5"),
+        ("G0 Y-12,25\nG0 X1\n", 1, "Y-12,25", "write Y-12.25"),
+        ("\u{2}\nG0 X1\n", 1, "0x02", "transmission"),
+        ("G0 X1\n\u{1a}\n", 2, "0x1A", "transmission"),
+        (
+            "F100 G0 X40.317 Y47.103\nG3 X39.997 Y46.783 I40.317 J46.783\n",
+            2,
+            "differs",
+            "write G90.1",
+        ),
+        (
+            "F100 G90.1\nG0 X10 Y0\nG3 X0 Y10 I-10 J0\n",
+            3,
+            "differs",
+            "write G91.1",
+        ),
         ("G0 X1\nEND1\n", 2, "loops end with an O-word", "O1 endwhile"),
         ("GOTO 10\nN10 G0 X1\n", 1, "no jumps", "O1 if"),
         (
@@ -252,9 +297,39 @@ fn a_tool_with_its_offset_is_told_how_to_change_it() {
         tools: Some(ToolTable::parse("T1 P1 Z5 D1\n").unwrap()),
         ..Settings::default()
     };
-    let (_, errors) = interpret("T0102\n", settings);
+    let (_, errors) = interpret("T0102\n", settings.clone());
     assert!(errors[0].message.contains("tool 1 with offset 2"), "{errors:?}");
+    let help = errors[0].help.as_deref().unwrap_or_default();
+    assert!(
+        help.starts_with("write T1 M6 G43 H2;") && help.contains("write G7"),
+        "{help}"
+    );
+    let (_, errors) = interpret("G7\nT0102\n", settings);
     assert_eq!(errors[0].help.as_deref(), Some("write T1 M6 G43 H2"));
+}
+
+/// On other controls G10 L10 P R sets a length; here it sets the radius.
+#[test]
+fn a_tool_length_in_r_is_warned_of() {
+    let warnings = |line: &str| {
+        let (commands, errors) = interpret(&format!("{line}\nM2\n"), Settings::default());
+        assert_eq!(errors, [], "{line}");
+        let texts = commands.into_iter().filter_map(|command| match command.action {
+            Action::Warning(text) => Some(text),
+            _ => None,
+        });
+        texts.collect::<Vec<_>>()
+    };
+    for line in ["G10 L10 P5 R-112.5", "G10 L11 P5 R0.02"] {
+        let texts = warnings(line);
+        assert!(
+            matches!(&texts[..], [text] if text.contains("the radius of tool 5") && text.contains("G10 L1 P5 Z")),
+            "{texts:?}"
+        );
+    }
+    for line in ["G10 L1 P5 R3", "G10 L10 P5 Z0 R3", "G10 L10 P5 Z0"] {
+        assert_eq!(warnings(line), Vec::<String>::new(), "{line}");
+    }
 }
 
 #[test]

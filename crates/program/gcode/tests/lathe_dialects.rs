@@ -89,6 +89,36 @@ fn lines_of_other_lathes_are_not_misread() {
             ["tool 3 with offset 0", "only selects", "T3 M6 G49"],
         ),
         (
+            "G73 U5 W2 R3\n",
+            true,
+            2,
+            ["does not repeat a profile", "O1 sub", "G70 Q1"],
+        ),
+        (
+            "G1 X20 F100\nZ-20 C1\n",
+            true,
+            3,
+            ["no such axis", "a chamfer", "as a line"],
+        ),
+        (
+            "G1 X20 Z-20 R2 F100\n",
+            true,
+            2,
+            ["uses R", "rounding", "G2 or G3"],
+        ),
+        (
+            "G1 X20 A45 F100\n",
+            true,
+            2,
+            ["no such axis", "angle of a line", "end point"],
+        ),
+        (
+            "G75 X10 K1 F0.1\n",
+            true,
+            2,
+            ["facing cycle", "not grooving", "O1 while"],
+        ),
+        (
             "#3000=1(TOOL BROKEN)\n",
             false,
             2,

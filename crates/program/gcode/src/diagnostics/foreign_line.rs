@@ -80,6 +80,41 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
              can be a comment: (PART 1)",
         ));
     }
+    if upper.starts_with('$') && upper.ends_with('%') {
+        return Some(again(
+            fault,
+            format!("{bare} is the name of a program in another dialect"),
+            "delete the line, or write it as a comment: (NAME)",
+        ));
+    }
+    if let Some(control) = line
+        .chars()
+        .find(|character| character.is_ascii_control() && !character.is_ascii_whitespace())
+        .filter(|_| {
+            matches!(
+                fault.code,
+                Code::UnexpectedCharacter | Code::BadNumber | Code::NumberMissing
+            )
+        })
+    {
+        return Some(again(
+            fault,
+            format!(
+                "a control character (0x{:02X}) that is not part of a program",
+                u32::from(control)
+            ),
+            "delete it: it is left over from a transmission, such as STX or the end of a file (0x1A)",
+        ));
+    }
+    if fault.code == Code::UnexpectedCharacter
+        && let Some(number) = decimal_comma(&bare)
+    {
+        return Some(again(
+            fault,
+            format!("{number}: numbers have a decimal point"),
+            format!("write {}", number.replace(',', ".")),
+        ));
+    }
     if upper.starts_with('$') && !matches!(fault.code, Code::SpindleSelection | Code::UnusedWord) {
         let word: String = upper.chars().take_while(|character| *character != '=').collect();
         let help = if upper.starts_with("$H") {
@@ -137,6 +172,26 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
         ));
     }
     macro_assignment(code, &bare, fault).or_else(|| siemens(&upper, fault))
+}
+
+/// The first number with a comma in place of the decimal point, with the letter before it.
+fn decimal_comma(bare: &str) -> Option<&str> {
+    let bytes = bare.as_bytes();
+    let is_digit = |place: usize| bytes.get(place).is_some_and(u8::is_ascii_digit);
+    let comma =
+        (1..bytes.len()).find(|place| bytes[*place] == b',' && is_digit(place - 1) && is_digit(place + 1))?;
+    let is_of_number = |byte: &u8| byte.is_ascii_digit() || matches!(byte, b'+' | b'-');
+    let digits = bytes[..comma]
+        .iter()
+        .rev()
+        .take_while(|byte| is_of_number(byte))
+        .count();
+    let has_letter = comma > digits && bytes[comma - digits - 1].is_ascii_alphabetic();
+    let fraction = bytes[comma + 1..]
+        .iter()
+        .take_while(|byte| byte.is_ascii_digit())
+        .count();
+    bare.get(comma - digits - usize::from(has_letter)..comma + 1 + fraction)
 }
 
 /// An expression without brackets after `#1 =`.
@@ -208,73 +263,19 @@ fn siemens(upper: &str, fault: &Fault) -> Option<Fault> {
     }
 }
 
-/// G codes of other dialects.
-fn unknown_g(block: &Block, fault: &Fault) -> Option<Fault> {
-    if fault.code != Code::UnknownG {
+/// G50 and G15 alone, which end what this dialect does not have.
+fn end_of_mode(block: &Block, fault: &Fault) -> Option<Fault> {
+    if fault.code != Code::UnknownG || block.words.iter().any(|word| b"XYZIJKPRS".contains(&word.letter)) {
         return None;
     }
-    let g = |number: f64| span_of(block, b'G', number);
-    let at =
-        |span: Span, message: String, help: String| Some(Fault::new(fault.code, span, message).help(help));
-    for (number, what) in [(50.0, "scaling"), (15.0, "polar coordinates")] {
-        let alone = !block.words.iter().any(|word| b"XYZIJKPRS".contains(&word.letter));
-        if let Some(span) = g(number).filter(|span| alone && *span == fault.span) {
-            let message = format!("G{number} ends {what} in other dialects; here there is none to end");
-            return at(span, message, format!("delete G{number}"));
-        }
-    }
-    for (number, message, help) in [
-        (
-            12.0,
-            "G12, a circular pocket, is not a code of this dialect",
-            "write the circles: G3 I.. with the radius, or G13.2, which mills a hole",
-        ),
-        (
-            13.0,
-            "G13, a circular pocket, is not a code of this dialect",
-            "write the circles: G3 I.. with the radius, or G13.2, which mills a hole",
-        ),
-        (
-            9.0,
-            "G9, an exact stop for one line, is not a code of this dialect",
-            "write G61.1 before the line and G64 after it",
-        ),
-        (
-            27.0,
-            "G27, the check of the reference position, is not a code of this dialect",
-            "delete the line; the core knows whether an axis is homed",
-        ),
-        (
-            29.0,
-            "G29, the return from the reference position, is not a code of this dialect",
-            "write the moves back: G0 X.. Y.., then G0 Z..",
-        ),
-        (
-            44.0,
-            "G44, a length that is subtracted, is not a code of this dialect",
-            "write G43, with the length as a negative number in the tool table",
-        ),
-        (
-            154.0,
-            "G154 is not a code of this dialect: there are nine work offsets",
-            "write G54 to G59, G59.1, G59.2 or G59.3",
-        ),
-        (
-            68.2,
-            "tilted planes (G68.2) are not available",
-            "write the program for the axes of the machine",
-        ),
-        (
-            187.0,
-            "G187, the smoothness, is G64 in this dialect",
-            "delete G187; G64 P0.01 sets the tolerance at corners",
-        ),
-    ] {
-        if let Some(span) = g(number) {
-            return at(span, message.to_owned(), help.to_owned());
-        }
-    }
-    None
+    let (number, mode) = [(50, "scaling"), (15, "polar coordinates")]
+        .into_iter()
+        .find(|(number, _)| span_of(block, b'G', f64::from(*number)) == Some(fault.span))?;
+    Some(again(
+        fault,
+        format!("G{number} ends {mode} in other dialects; here there is none to end"),
+        format!("delete G{number}"),
+    ))
 }
 
 /// U and W, which are increments of X and Z on other lathes.
@@ -303,7 +304,7 @@ fn increments(block: &Block, fault: &Fault, around: Surroundings) -> Option<Faul
 
 /// Lines that are recognized by their codes.
 fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
-    if let Some(better) = unknown_g(block, fault) {
+    if let Some(better) = end_of_mode(block, fault) {
         return Some(better);
     }
     if fault.code == Code::UnknownM && span_of(block, b'M', 97.0).is_some() {
@@ -330,7 +331,7 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
             ),
         ));
     }
-    if let Some(better) = machine_code(block, fault).or_else(|| unused_p(block, fault)) {
+    if let Some(better) = unused_p(block, fault) {
         return Some(better);
     }
     if let Some(better) = spindle_by_p(block, fault) {
@@ -363,12 +364,104 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
                 number / 100,
                 number % 100
             ),
-            format!("write {}", four_digits(number)),
+            format!("write {}", four_digits(number, around.is_diameter)),
         ));
     }
-    increments(block, fault, around)
+    repeated_profile(block, fault, around)
+        .or_else(|| increments(block, fault, around))
+        .or_else(|| corners(block, fault, around))
         .or_else(|| threads(block, fault, around))
         .or_else(|| grooves_and_holes(block, fault, around))
+        .or_else(|| words_of_cycles(block, fault))
+}
+
+/// C, R and A of a straight move, which are a chamfer, a rounding and an angle on other lathes.
+fn corners(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+    let is_move = around.is_lathe
+        && (has(block, b'X') || has(block, b'Z'))
+        && !block.words.iter().any(|word| {
+            word.letter == b'G'
+                && word.value >= 2.0
+                && !matches!(word.value, 17.0..=21.0 | 40.0..=42.0 | 90.0..=99.0)
+        });
+    let word = block
+        .words
+        .iter()
+        .find(|word| word.span == fault.span)
+        .filter(|_| is_move && matches!(fault.code, Code::NoSuchAxis | Code::UnusedWord))?;
+    let (what, cure) = match word.letter {
+        b'C' => ("a chamfer", "write the chamfer as a line: G1 X.. Z.."),
+        b'R' => (
+            "the rounding of a corner",
+            "write the rounding as an arc: G2 or G3 with R",
+        ),
+        b'A' => ("the angle of a line", "write the end point: X.. Z.."),
+        _ => return None,
+    };
+    let letter = char::from(word.letter);
+    Some(again(
+        fault,
+        format!(
+            "{}; on other lathes {letter} of a straight move is {what}",
+            fault.message
+        ),
+        cure,
+    ))
+}
+
+/// Words of drilling cycles with another letter, or without a meaning.
+fn words_of_cycles(block: &Block, fault: &Fault) -> Option<Fault> {
+    let is_cycle = |word: &crate::syntax::block::Word| {
+        word.letter == b'G'
+            && (word.value == 73.0 || word.value == 74.0 || (81.0..=89.0).contains(&word.value))
+    };
+    let cycle = block.words.iter().find(|word| is_cycle(word))?;
+    let word = block
+        .words
+        .iter()
+        .find(|word| word.span == fault.span)
+        .filter(|_| fault.code == Code::UnusedWord)?;
+    let (number, value) = (cycle.value, word.value);
+    match word.letter {
+        b'K' => Some(again(
+            fault,
+            "K, the repetitions of a cycle on other controls, is L in this dialect",
+            if value == 0.0 {
+                "K0 stores the words of the cycle without a hole: write them on the line of the first hole, and \
+                 delete this line"
+                    .to_owned()
+            } else {
+                format!("write L{value} in place of K{value}")
+            },
+        )),
+        b'P' => Some(again(
+            fault,
+            format!("G{number} has no dwell in this dialect"),
+            format!("delete P{value}; G82 drills with a dwell of P seconds at the bottom"),
+        )),
+        b'I' | b'J' => Some(again(
+            fault,
+            format!("G{number} has the same depth for each peck in this dialect"),
+            "write Q, the depth of a peck, in place of I, J and K",
+        )),
+        _ => None,
+    }
+}
+
+/// G73 of other lathes.
+fn repeated_profile(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+    let span = span_of(block, b'G', 73.0).filter(|_| around.is_lathe)?;
+    b"UW".iter().any(|letter| has(block, *letter)).then(|| {
+        Fault::new(
+            fault.code,
+            span,
+            "G73 drills in pecks in this dialect, and does not repeat a profile",
+        )
+        .help(
+            "write the profile as O1 sub ... O1 endsub, then G71 Q1 X.. Z.. D.., D the depth of a pass, and G70 \
+             Q1 X.. Z..",
+        )
+    })
 }
 
 fn threads(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
@@ -421,8 +514,8 @@ fn grooves_and_holes(block: &Block, fault: &Fault, around: Surroundings) -> Opti
         return None;
     }
     if let Some(span) = g(75.0)
-        && fault.code == Code::UnusedWord
-        && b"IPR".iter().any(|letter| has(block, *letter))
+        && (fault.code == Code::UnusedWord && b"IPR".iter().any(|letter| has(block, *letter))
+            || fault.code == Code::WordMissing && has(block, b'K') && has(block, b'F'))
     {
         let help =
             "write each peck as G1 X.. F.. and G0 X.., or as a loop: O1 while [#1 GT 0] ... O1 endwhile";
@@ -489,47 +582,6 @@ fn of_arc(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
         }
         _ => None,
     }
-}
-
-/// M codes of other dialects.
-fn machine_code(block: &Block, fault: &Fault) -> Option<Fault> {
-    if fault.code != Code::UnknownM {
-        return None;
-    }
-    let as_user = "give it a number from 100 to 199 in user_codes of the machine file, and write that";
-    [
-        (
-            10.0..=11.0,
-            "a clamp (M10, M11) is a command of the machine in other dialects",
-            as_user,
-        ),
-        (
-            13.0..=13.0,
-            "M13, spindle and coolant, is not a code of this dialect",
-            "write M3 M8",
-        ),
-        (
-            14.0..=14.0,
-            "M14, spindle and coolant, is not a code of this dialect",
-            "write M4 M8",
-        ),
-        (
-            17.0..=17.0,
-            "M17, the end of a subroutine, is not a code of this dialect",
-            "write O100 endsub, or M99 in a file that M98 calls",
-        ),
-        (
-            40.0..=45.0,
-            "a gear (M40 to M45) is a command of the machine in other dialects",
-            as_user,
-        ),
-    ]
-    .into_iter()
-    .find_map(|(numbers, message, help)| {
-        let mut words = block.words.iter();
-        let word = words.find(|word| word.letter == b'M' && numbers.contains(&word.value))?;
-        Some(Fault::new(fault.code, word.span, message).help(help))
-    })
 }
 
 /// A P that selects something in other dialects.

@@ -123,7 +123,8 @@ const HINTS: &[(Code, &str)] = &[
     (Code::UnsupportedG, "another kind of machine supports this code"),
     (
         Code::UnknownM,
-        "look for a mistyped number; M100 to M199 are user-defined codes",
+        "look for a mistyped number; a function that the builder of a machine added gets a number from 100 to \
+         199 in user_codes of the machine file",
     ),
     (
         Code::UnsupportedM,

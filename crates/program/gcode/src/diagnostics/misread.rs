@@ -62,7 +62,7 @@ pub(crate) fn on_lathe(
     state: &mut State,
     tools: Option<&ToolTable>,
 ) -> Result<Option<String>, Fault> {
-    if let Some(tool) = tool_and_offset(line, tools) {
+    if let Some(tool) = tool_and_offset(line, tools, state.modes.diameter) {
         return Ok(Some(tool));
     }
     if line.once() == Some(NonModal::SetOffset) && line.has(b'F') {
@@ -145,7 +145,7 @@ fn retract(line: &Statement, state: &mut State) -> Option<String> {
 }
 
 /// T with four digits that no M6 uses.
-fn tool_and_offset(line: &Statement, tools: Option<&ToolTable>) -> Option<String> {
+fn tool_and_offset(line: &Statement, tools: Option<&ToolTable>, is_diameter: bool) -> Option<String> {
     let number = line.word(b'T')? as u32;
     let is_known = tools.is_some_and(|tools| tools.get(number).is_some());
     if is_known || !FOUR_DIGITS.contains(&number) || line.m(Group::ToolChange) == Some(MCode::ToolChange) {
@@ -155,14 +155,19 @@ fn tool_and_offset(line: &Statement, tools: Option<&ToolTable>) -> Option<String
     Some(format!(
         "T{number:04} is tool {tool} with offset {offset} on other lathes; here it only selects tool \
          {number} for the next M6, and no offset changes; write {}",
-        four_digits(number)
+        four_digits(number, is_diameter)
     ))
 }
 
-/// Meaning of the T word of four digits here.
-pub(crate) fn four_digits(number: u32) -> String {
-    match (number / 100, number % 100) {
+/// Meaning of the T word of four digits here, and of X, which is a diameter on lathes with such words.
+pub(crate) fn four_digits(number: u32, is_diameter: bool) -> String {
+    let here = match (number / 100, number % 100) {
         (tool, 0) => format!("T{tool} M6 G49"),
         (tool, offset) => format!("T{tool} M6 G43 H{offset}"),
+    };
+    if is_diameter {
+        here
+    } else {
+        format!("{here}; X is a radius (G8) now: if the program has diameters, write G7 on its first line")
     }
 }

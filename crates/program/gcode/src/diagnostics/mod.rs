@@ -2,6 +2,7 @@
 
 pub(crate) mod diagnostic;
 pub(crate) mod foreign;
+pub(crate) mod foreign_codes;
 pub(crate) mod foreign_line;
 pub(crate) mod hints;
 pub(crate) mod misread;

@@ -271,19 +271,21 @@ fn check_radii(
 ) -> Result<(), Fault> {
     let radius = |point: [f64; 2]| libm::hypot(point[0] - centre[0], point[1] - centre[1]);
     let (r1, r2) = (radius(start), radius(end));
-    let difference = (r1 - r2).abs();
-    let relative = difference / r1.max(r2);
+    let is_zero = |radius: f64| radius < settings.arc.radius_mm;
     let tolerance = if state.modes.inches {
         settings.arc.inch_mm
     } else {
         settings.arc.metric_mm
     };
-    let zero_radius = r1 < settings.arc.radius_mm || r2 < settings.arc.radius_mm;
-    let mismatch =
-        difference > 100.0 * tolerance || difference > tolerance && relative > settings.arc.relative;
-    if !zero_radius && !mismatch {
+    let differ = |r1: f64, r2: f64| {
+        let (difference, relative) = ((r1 - r2).abs(), (r1 - r2).abs() / r1.max(r2));
+        difference > 100.0 * tolerance || difference > tolerance && relative > settings.arc.relative
+    };
+    let zero_radius = is_zero(r1) || is_zero(r2);
+    if !zero_radius && !differ(r1, r2) {
         return Ok(());
     }
+    let (difference, relative) = ((r1 - r2).abs(), (r1 - r2).abs() / r1.max(r2));
     let (first, second) = letters.names();
     let shown = |point: [f64; 2]| {
         let mut machine = state.position;
@@ -317,16 +319,48 @@ fn check_radii(
         difference / unit,
         100.0 * relative
     );
-    let meaning = if state.modes.arc_centre_absolute {
-        "absolute (G90.1)"
+    let [meaning, other, code] = if state.modes.arc_centre_absolute {
+        ["absolute (G90.1)", "distances from the start", "G91.1"]
     } else {
-        "from the start (G91.1)"
+        ["from the start (G91.1)", "absolute", "G90.1"]
     };
-    Err(
-        Fault::new(Code::ArcRadiusMismatch, line.motion_span(), message).help(format!(
-            "the end must be on the circle; {i} and {j} are {meaning} now"
-        )),
-    )
+    let [r1, r2] = radii_otherwise(state, start, end, line, letters);
+    let fits = !is_zero(r1) && !is_zero(r2) && !differ(r1, r2);
+    let help = if fits {
+        format!("the circle fits if {i} and {j} are {other}: write {code} on a line before")
+    } else {
+        format!("the end must be on the circle; {i} and {j} are {meaning} now")
+    };
+    Err(Fault::new(Code::ArcRadiusMismatch, line.motion_span(), message).help(help))
+}
+
+/// The distances, mm, of start and end from the centre that G90.1 in place of G91.1, or the reverse, would give.
+fn radii_otherwise(
+    state: &State,
+    start: [f64; 2],
+    end: [f64; 2],
+    line: &Statement,
+    letters: &Letters,
+) -> [f64; 2] {
+    let program = |point: [f64; 2]| {
+        let mut machine = state.position;
+        (machine[letters.axes[0]], machine[letters.axes[1]]) = (point[0], point[1]);
+        state.program_of(machine)
+    };
+    let start = program(start);
+    [start, program(end)].map(|point| {
+        let from_centre = [0, 1].map(|place| {
+            let axis = letters.axes[place];
+            let word = line.word(letters.centre[place]).unwrap_or(0.0) * state.unit_mm();
+            let base = if state.modes.arc_centre_absolute {
+                start[axis]
+            } else {
+                0.0
+            };
+            point[axis] - base - word
+        });
+        libm::hypot(from_centre[0], from_centre[1])
+    })
 }
 
 fn centre_by_radius(

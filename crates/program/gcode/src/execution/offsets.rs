@@ -236,7 +236,14 @@ impl Executor<'_> {
             }
             _ => {
                 let message = format!("L{what}: G10 supports L0, L1, L2, L10, L11 and L20");
-                Err(Fault::new(Code::OutOfRange, line.span(b'L'), message))
+                let fault = Fault::new(Code::OutOfRange, line.span(b'L'), message);
+                Err(match what {
+                    12 | 13 => fault.help("the radius of a tool is R of G10 L1 P.. R.."),
+                    50..=52 => {
+                        fault.help("the machine file and the tool table replace parameters of the control")
+                    }
+                    _ => fault,
+                })
             }
         }
     }
@@ -313,6 +320,12 @@ impl Executor<'_> {
             }
         }
         if let Some(radius) = line.word(b'R') {
+            if what != 1 && !line.has_axes() {
+                self.out(Action::Warning(format!(
+                    "R{radius} becomes the radius of tool {number}; on other controls G10 L{what} P R sets the \
+                     length or the wear, which is G10 L1 P{number} Z.. in this dialect"
+                )));
+            }
             tool.diameter_mm = 2.0 * radius * self.state.unit_mm();
         }
         if let Some(angle) = line.word(b'I') {

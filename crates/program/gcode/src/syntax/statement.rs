@@ -11,6 +11,7 @@ use crate::codes::modal_groups::{
     Turning, fanuc_code, lathe_code,
 };
 use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::diagnostics::foreign_codes;
 use crate::syntax::block::Block;
 use crate::syntax::word_faults::{negative, no_such_axis, two_of_group, whole};
 use crate::{Code, SPINDLES, Settings};
@@ -353,7 +354,8 @@ impl Statement {
 
     fn add_g(&mut self, value: f64, span: Span, settings: &Settings) -> Result<(), Fault> {
         let tenths = (value * 10.0).round();
-        let whole = (value * 10.0 - tenths).abs() < 1e-3 && (0.0..=999.0).contains(&tenths);
+        let is_tenth = (value * 10.0 - tenths).abs() < 1e-3;
+        let whole = is_tenth && (0.0..=999.0).contains(&tenths);
         let tenths = tenths as u32;
         let of_lathe = settings.features.lathe.then(|| lathe_code(tenths)).flatten();
         let of_fanuc = settings
@@ -371,7 +373,7 @@ impl Statement {
                 )
                 .help("machines with kind = \"lathe\" support it"));
             }
-            if let Some((message, help)) = crate::diagnostics::foreign::g_code(tenths).filter(|_| whole) {
+            if let Some((message, help)) = foreign_codes::g_code(tenths).filter(|_| is_tenth) {
                 return Err(Fault::new(Code::UnknownG, span, message).help(help));
             }
             let message = format!("there is no G{value}");
@@ -405,7 +407,10 @@ impl Statement {
             ));
         }
         let Some(code) = code else {
-            return Err(Fault::new(Code::UnknownM, span, format!("there is no M{number}")));
+            return Err(match foreign_codes::m_code(number) {
+                Some((message, help)) => Fault::new(Code::UnknownM, span, message).help(help),
+                None => Fault::new(Code::UnknownM, span, format!("there is no M{number}")),
+            });
         };
         let group = code.group();
         if let Some((.., first)) = self.m[group as usize] {

@@ -148,7 +148,15 @@ impl Executor<'_> {
         let repeats = line.whole(b'L')?.unwrap_or(1);
         if repeats == 0 || repeats > MAX_REPEATS {
             let message = format!("L{repeats}: a cycle is repeated 1 to {MAX_REPEATS} times");
-            return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
+            let fault = Fault::new(Code::OutOfRange, line.span(b'L'), message);
+            return Err(if repeats == 0 {
+                fault.help(
+                    "in other dialects L0 stores the words of the cycle without a hole; here, write them on the \
+                     line of the first hole, and delete this line",
+                )
+            } else {
+                fault
+            });
         }
         if matches!(cycle, Cycle::ChipBreak | Cycle::Peck) && line.has(b'Q') {
             self.warn_of_peck(name, hole);
