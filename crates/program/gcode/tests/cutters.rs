@@ -315,6 +315,57 @@ fn a_narrow_throat_is_reported_with_both_lines() {
     }
 }
 
+/// The pocket of [`throat`] in chords, as CAM systems write contours.
+fn in_chords(program: &str, chord: f64) -> String {
+    let mut at: Option<[f64; 2]> = None;
+    let mut text = String::new();
+    for line in program.lines() {
+        let corner = line.strip_prefix('X').and_then(|rest| rest.split_once(" Y"));
+        let corner: Option<[f64; 2]> = corner.and_then(|(x, y)| Some([x.parse().ok()?, y.parse().ok()?]));
+        if let (Some(from), Some(to)) = (at, corner) {
+            // An inner corner needs a move of the tool's radius on both sides.
+            let length = (to[0] - from[0]).hypot(to[1] - from[1]);
+            let (first, last) = (6.0_f64.min(length), (length - 6.0).max(0.0));
+            let chords = ((last - first) / chord).ceil().max(0.0) as u32;
+            let inner = (0..chords).map(|k| first + (last - first) * f64::from(k) / f64::from(chords));
+            for at in inner.chain([last, length]).filter(|at| *at > 0.0) {
+                let [x, y] = [0, 1].map(|axis| from[axis] + at / length * (to[axis] - from[axis]));
+                text.push_str(&format!("X{x:.4} Y{y:.4}\n"));
+            }
+        } else {
+            text.push_str(line);
+            text.push('\n');
+        }
+        at = corner.or(at.filter(|_| corner.is_some()));
+    }
+    text
+}
+
+#[test]
+fn a_narrow_throat_is_found_in_thousands_of_chords() {
+    for side in ["G42.1", "G41.1"] {
+        let program =
+            |width: f64, chord: f64| in_chords(&throat(width, 10.0, side, "G0 X0 Y0", "G40 X0 Y0"), chord);
+        for (chord, least) in [(0.1, 2000), (0.02, 10_000)] {
+            let narrow = program(8.0, chord);
+            assert!(narrow.lines().count() > least);
+            assert_eq!(near(&narrow).len(), 1, "{side} {chord}");
+            assert_eq!(near(&program(10.5, chord)), [], "{side} {chord}");
+        }
+        // Longer ones are not searched, which is said once.
+        let settings = Settings {
+            tools: Some(ToolTable::parse(TOOLS).unwrap_or_else(|error| panic!("{error}"))),
+            ..Settings::default()
+        };
+        let long = program(8.0, 0.01);
+        let commands = Interpreter::new(long.as_bytes(), settings).filter_map(Result::ok);
+        let warnings = commands.filter(|command| {
+            matches!(&command.action, Action::Warning(text) if text.contains("more than 20000 moves"))
+        });
+        assert_eq!(warnings.count(), 1, "{side}");
+    }
+}
+
 #[test]
 fn an_island_too_close_to_the_wall_is_reported() {
     let program = |gap: f64, depth: f64, inner: f64| {

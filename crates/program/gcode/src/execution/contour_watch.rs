@@ -12,17 +12,19 @@ use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 use evolvent_path::{Curve, Plane};
+use rstar::primitives::{GeomWithData, Rectangle};
+use rstar::{AABB, RTree};
 
 use crate::execution::compensation::CutterState;
 use crate::execution::offset_path::{Point, dot, length, sub};
 use crate::{Action, CallChain, CanonicalCommand, Move, MoveKind};
 
-/// Maximum number of programmed moves of a contour that are compared, with three times as many of the path: a
-/// few milliseconds.
-const MAX_EDGES: usize = 2000;
+/// Maximum number of programmed moves of a contour that are compared, with three times as many of the path:
+/// 12 MB, and about 0.1 s. Longer contours are warned of.
+const MAX_EDGES: usize = 20_000;
 
 /// Maximum number of stored moves of earlier contours and their paths; the oldest contours are dropped.
-const MAX_PIECES: usize = 10_000;
+const MAX_PIECES: usize = 4 * MAX_EDGES;
 
 /// Depth of a cut that is tolerated, mm: rounding of programs and corners.
 const PERMITTED_MM: f64 = 0.01;
@@ -252,6 +254,33 @@ impl Piece {
     }
 }
 
+/// Pieces by their extent, so that only those near a piece are compared with it.
+#[derive(Debug)]
+struct Nearby(RTree<GeomWithData<Rectangle<Point>, usize>>);
+
+impl Nearby {
+    fn new(pieces: &[Piece]) -> Self {
+        let extents = pieces.iter().enumerate().map(|(index, piece)| {
+            GeomWithData::new(Rectangle::from_corners(piece.lowest, piece.highest), index)
+        });
+        Self(RTree::bulk_load(extents.collect()))
+    }
+
+    /// Indices of the pieces whose extent comes as near to `piece` as `distance`, in the order of the contour.
+    fn to(&self, piece: &Piece, distance: f64) -> Vec<usize> {
+        let lowest = piece.lowest.map(|value| value - distance);
+        let highest = piece.highest.map(|value| value + distance);
+        let within = AABB::from_corners(lowest, highest);
+        let mut found: Vec<usize> = self
+            .0
+            .locate_in_envelope_intersecting(&within)
+            .map(|extent| extent.data)
+            .collect();
+        found.sort_unstable();
+        found
+    }
+}
+
 /// The tool of a compensated contour.
 #[derive(Clone, Copy, Debug)]
 struct Tool {
@@ -269,6 +298,7 @@ struct Tool {
 struct ClosedContour {
     tool: Tool,
     edges: Vec<Piece>,
+    nearby: Nearby,
     path: Vec<Piece>,
     outline: Vec<Point>,
     /// Whether the tool is inside.
@@ -294,6 +324,7 @@ impl ClosedContour {
             .sum();
         Self {
             tool,
+            nearby: Nearby::new(&edges),
             edges,
             path,
             outline,
@@ -322,8 +353,9 @@ impl ClosedContour {
             && pocket.contains(self.edges[0].start)
             && !self.contains(pocket.edges[0].start)
             && !self.edges.iter().any(|edge| {
-                let near = pocket.edges.iter().filter(|other| !edge.is_far(other, 0.0));
-                near.into_iter().any(|other| edge.crosses(other))
+                let near = pocket.nearby.to(edge, 0.0);
+                let mut near = near.iter().map(|index| &pocket.edges[*index]);
+                near.any(|other| !edge.is_far(other, 0.0) && edge.crosses(other))
             })
     }
 
@@ -331,7 +363,8 @@ impl ClosedContour {
     fn cut(&self, other: &Self) -> Option<Cut> {
         let mut deepest: Option<Cut> = None;
         for piece in &self.path {
-            for edge in &other.edges {
+            for edge in other.nearby.to(piece, self.tool.radius) {
+                let edge = &other.edges[edge];
                 if piece.is_far(edge, self.tool.radius) {
                     continue;
                 }
@@ -365,15 +398,19 @@ impl ClosedContour {
             cut.depth / unit,
             cut.edge
         );
-        CanonicalCommand {
-            line: cut.path,
-            action: Action::Warning(text),
-            origin: None,
-            calls: CallChain::default(),
-            feed_mm_rev: None,
-            feed_spindle: 0,
-            continues: false,
-        }
+        warning(cut.path, text)
+    }
+}
+
+fn warning(line: u32, text: String) -> CanonicalCommand {
+    CanonicalCommand {
+        line,
+        action: Action::Warning(text),
+        origin: None,
+        calls: CallChain::default(),
+        feed_mm_rev: None,
+        feed_spindle: 0,
+        continues: false,
     }
 }
 
@@ -503,10 +540,17 @@ impl ContourWatch {
     #[cold]
     fn compare(&mut self) {
         let mut found = Vec::new();
-        if let Some(tool) = self.tool
-            && self.edges.len() <= MAX_EDGES
-            && self.path.len() <= 3 * MAX_EDGES
-        {
+        let is_long = self.edges.len() > MAX_EDGES || self.path.len() > 3 * MAX_EDGES;
+        if let Some(edge) = self.edges.first().filter(|_| is_long) {
+            found.push(warning(
+                edge.line,
+                format!(
+                    "cutter compensation of more than {MAX_EDGES} moves: places that are narrower than the tool \
+                     are not searched; end it with G40 between contours, or program the path of the tool"
+                ),
+            ));
+        }
+        if let Some(tool) = self.tool.filter(|_| !is_long) {
             let closed = closed(&self.edges);
             for (index, &(first, last)) in closed.iter().enumerate() {
                 // Including entry and exit moves.
@@ -561,12 +605,21 @@ fn open(edges: &[Piece]) -> &[Piece] {
 
 /// First and last edge of each closed contour.
 fn closed(edges: &[Piece]) -> Vec<(usize, usize)> {
+    let starts = edges.iter().enumerate();
+    let starts = RTree::bulk_load(
+        starts
+            .map(|(index, edge)| GeomWithData::new(edge.start, index))
+            .collect(),
+    );
     let mut found = Vec::new();
     let mut free = 0;
     for last in 0..edges.len() {
-        let is_start = |first: &usize| length(sub(edges[*first].start, edges[last].end)) <= CLOSED_MM;
+        let near = starts.locate_within_distance(edges[last].end, CLOSED_MM * CLOSED_MM);
+        let near = near
+            .map(|start| start.data)
+            .filter(|first| (free..=last).contains(first));
         // The latest first: back at the start of the contour, before the entry path is retraced.
-        if let Some(first) = (free..=last).rev().find(is_start) {
+        if let Some(first) = near.max() {
             found.push((first, last));
             free = last + 1;
         }
