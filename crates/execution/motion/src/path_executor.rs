@@ -77,7 +77,7 @@ impl PathExecutor {
             last: Jet::at_rest(position),
             is_rapid: false,
             asking: ReplanState::new(period),
-            preview: PlanPreview::new(),
+            preview: PlanPreview::new(&limits),
             rest_step: None,
             lag: PlannerLag::default(),
             process: ProcessSlot::default(),

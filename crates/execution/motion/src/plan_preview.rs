@@ -4,19 +4,33 @@
 //! They are sampled where the time law changes and at most [`SPACING_S`] apart, once each, and only as far
 //! ahead as requested: a sample costs one evaluation of the path.
 
+use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};
 use evolvent_planner::{Step, TimedSegment};
 
 use crate::queue::PlanConsumer;
 
-/// Maximum distance of two samples, s of plan time. Tuned: 0.25 ms gives no shorter holds and keeps the
-/// limits no better.
+/// Maximum distance of two samples, s of plan time. Tuned: 0.25 ms gives no shorter holds and keeps the limits
+/// no better; 2.5 ms on machines that build up their acceleration in 0.5 s exceeded a jerk by 5 % at a rest.
 const SPACING_S: f64 = 0.0005;
-/// Maximum number of stored samples. A power of two.
-const CAPACITY: usize = 2048;
-/// Maximum plan time of the preview, s: several times the time in which an axis changes from its maximum
-/// acceleration in one direction to that in the other.
-pub(crate) const LONGEST_PREVIEW_S: f64 = 0.4;
+/// Minimum and maximum of the longest preview, s of plan time.
+const RANGE_S: (f64, f64) = (0.4, 4.0);
+/// The longest preview as a multiple of the time in which the slowest axis builds up its acceleration: in
+/// twice that time it changes from its maximum acceleration in one direction to that in the other.
+const RANGE_FACTOR: f64 = 3.0;
+/// Number of stored samples for each that the longest preview has with its spacing: pieces of a plan are
+/// often shorter. With the minimum of both times 2048.
+const CAPACITY_FACTOR: f64 = 2.56;
+
+/// Plan time for which the preview of a machine with these limits looks ahead at most, s. Machines that build
+/// up their acceleration slowly need more.
+pub(crate) fn longest_preview_s(limits: &Limits) -> f64 {
+    let times = (0..AXES).filter_map(|axis| {
+        let seconds = limits.acceleration[axis] / limits.jerk[axis];
+        (limits.present[axis] && seconds.is_finite()).then_some(seconds)
+    });
+    (RANGE_FACTOR * times.fold(0.0, f64::max)).clamp(RANGE_S.0, RANGE_S.1)
+}
 
 /// The derivatives of the axes by plan time at one instant of the plan.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +57,10 @@ struct Frontier {
 /// The samples. Real-time safe except for [`PlanPreview::new`], which allocates.
 #[derive(Debug)]
 pub(crate) struct PlanPreview {
+    /// A power of two of them.
     samples: Box<[Sample]>,
+    /// Plan time for which the preview looks ahead at most, s.
+    longest_s: f64,
     /// Indices of the oldest stored sample and of the next one, counted from the start of the preview.
     oldest: usize,
     next: usize,
@@ -53,7 +70,9 @@ pub(crate) struct PlanPreview {
 }
 
 impl PlanPreview {
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(limits: &Limits) -> Self {
+        let longest_s = longest_preview_s(limits);
+        let capacity = (CAPACITY_FACTOR * longest_s / SPACING_S) as usize;
         let sample = Sample {
             time: 0.0,
             first: Axes::zeros(),
@@ -61,7 +80,8 @@ impl PlanPreview {
             third: Axes::zeros(),
         };
         Self {
-            samples: vec![sample; CAPACITY].into_boxed_slice(),
+            samples: vec![sample; capacity.next_power_of_two()].into_boxed_slice(),
+            longest_s,
             oldest: 0,
             next: 0,
             frontier: None,
@@ -83,6 +103,11 @@ impl PlanPreview {
         });
     }
 
+    /// Plan time for which the preview looks ahead at most, s.
+    pub(crate) fn longest_s(&self) -> f64 {
+        self.longest_s
+    }
+
     /// Plan time at which the plan rests, as far as it is known.
     pub(crate) fn rests_at(&self) -> Option<f64> {
         self.rests_at
@@ -101,7 +126,7 @@ impl PlanPreview {
     }
 
     fn held(&self, index: usize) -> &Sample {
-        &self.samples[index % CAPACITY]
+        &self.samples[index & (self.samples.len() - 1)]
     }
 
     /// Sample number `index`; `None` after the end of the plan and beyond the range of the preview.
@@ -116,7 +141,7 @@ impl PlanPreview {
     fn extend(&mut self, queue: &mut PlanConsumer) -> Option<()> {
         let mut frontier = self.frontier?;
         let first = self.next == 0;
-        if self.next - self.oldest >= CAPACITY {
+        if self.next - self.oldest >= self.samples.len() {
             return None;
         }
         let duration = frontier.flow.piece.duration_s;
@@ -142,7 +167,7 @@ impl PlanPreview {
                 spacing: spacing(flow.piece.duration_s),
             };
         } else if !first {
-            if frontier.starts + frontier.at - self.held(self.oldest).time > LONGEST_PREVIEW_S {
+            if frontier.starts + frontier.at - self.held(self.oldest).time > self.longest_s {
                 return None;
             }
             let next = frontier.at + frontier.spacing;
@@ -158,7 +183,8 @@ impl PlanPreview {
         let (state, jerk) = piece.law.at(frontier.at);
         let x = (piece.from + state.x).min(segment.length);
         let jet = segment.jet(x).compose(state.v, state.a, jerk);
-        self.samples[self.next % CAPACITY] = Sample {
+        let slot = self.next & (self.samples.len() - 1);
+        self.samples[slot] = Sample {
             time: frontier.starts + frontier.at,
             first: jet.first,
             second: jet.second,
@@ -175,4 +201,4 @@ fn spacing(duration: f64) -> f64 {
     duration / (duration / SPACING_S).ceil().max(1.0)
 }
 
-const _: () = assert!(CAPACITY.is_power_of_two() && AXES == 9);
+const _: () = assert!(AXES == 9);

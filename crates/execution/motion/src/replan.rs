@@ -13,7 +13,6 @@ use evolvent_planner::{ReplanRequest, Step, TimedSegment};
 use crate::advance::MAX_RESTS_PER_CYCLE;
 use crate::cursor::{ActiveMotion, Cursor};
 use crate::path_executor::PathExecutor;
-use crate::plan_preview::LONGEST_PREVIEW_S;
 use crate::queue::PlanConsumer;
 use crate::scale::Scale;
 use crate::setpoint::Inputs;
@@ -429,7 +428,7 @@ impl PathExecutor {
         // Everything that the step, or a request that it makes, can read.
         let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration_s;
         if cursor.slowdown.is_some() && answered.is_none() {
-            left += LONGEST_PREVIEW_S;
+            left += self.preview.longest_s();
         }
         // A tail that was claimed is driven to its end.
         let mut tail = cursor.starved && answered.is_none();

@@ -10,9 +10,9 @@
 //! ```
 //!
 //! A plan at a constant rate up to 1 keeps every limit, so a change of the rate that can end at a constant
-//! rate is safe. Every [`TRIAL_S`] the cycle chooses the `s''` that changes the rate most towards the target
+//! rate is safe. In every trial the cycle chooses the `s''` that changes the rate most towards the target
 //! and is known to be safe: it follows the motion over the plan ahead, first with that `s''` for one trial
-//! and then, in steps of [`STEP_S`], with the `s''` that brings `s'` to zero soonest within the limits (the
+//! and then, in steps, with the `s''` that brings `s'` to zero soonest within the limits (the
 //! *recovery*). It accepts the trial only if no axis exceeds a limit meanwhile and the rate does not pass the
 //! target. Otherwise it drives one whole step of the recovery of the previous trial, so there is a next step
 //! at every moment. If the recovery would pass the target, `s'' = s'^2/(2 (s - target))` reaches it with `s'
@@ -22,13 +22,19 @@
 //! the plan within its time: on dense contours the jerk of a plan reaches its limit several times per
 //! millisecond.
 //!
+//! A step takes [`SHORTEST_STEP_S`], and a trial [`TRIAL_FRACTION`] of it. Where axes need long to change
+//! their acceleration, recoveries are long: a recovery of more than [`MAX_STEPS`] steps doubles the step, and
+//! one of fewer than [`MIN_STEPS`] halves it, each as soon as the recovery in the other steps is safe, too.
+//!
 //! On a straight line this is the time-optimal jerk-limited stop, except for the length of a step. Where the
 //! plan itself brakes at the limits of an axis, the slowdown leaves it unchanged: nothing is faster there.
 //!
-//! Cost: at most [`TRIALS`] + 3 recoveries per trial, each over the part of the plan in which the axes change
+//! Cost: at most [`TRIALS`] + 4 recoveries per trial, each over the part of the plan in which the axes change
 //! from one acceleration to another. No allocation.
 
 mod recovery;
+#[cfg(test)]
+mod tests;
 
 use evolvent_machine::Limits;
 use evolvent_path::AXES;
@@ -38,21 +44,24 @@ use crate::plan_preview::{PlanPreview, Sample};
 use crate::queue::PlanConsumer;
 use crate::scale::Scale;
 
-/// Time for which `s''` is constant in a recovery. Tuned: 0.5 ms for both times stops earlier than 0.25 ms
-/// for trials in some holds and later in more, for 1.4 times the work.
-pub(crate) const STEP_S: f64 = 0.001;
-/// Time for which the `s''` of a trial is constant. Tuned on 360 holds on dense contours: compared with 1 ms,
-/// 0.5 ms stops 3.2 ms earlier on average and at most 29 ms earlier, for 1.6 times the work; 0.25 ms another
-/// 1.9 ms and at most 16 ms, for 2.6 times the work.
-const TRIAL_S: f64 = 0.00025;
+/// Minimum time for which `s''` is constant in a recovery. Tuned: 0.5 ms for both times stops earlier than
+/// 0.25 ms for trials in some holds and later in more, for 1.4 times the work.
+pub(crate) const SHORTEST_STEP_S: f64 = 0.001;
+/// Maximum of that time: recoveries of up to [`MAX_STEPS`] of these take as long as the longest preview.
+const LONGEST_STEP_S: f64 = 64.0 * SHORTEST_STEP_S;
+/// Time for which the `s''` of a trial is constant, as a fraction of a step. Tuned on 360 holds on dense
+/// contours with steps of 1 ms: compared with 1 ms, 0.5 ms stops 3.2 ms earlier on average and at most 29 ms
+/// earlier, for 1.6 times the work; 0.25 ms another 1.9 ms and at most 16 ms, for 2.6 times the work.
+const TRIAL_FRACTION: f64 = 0.25;
+/// Numbers of steps of a recovery above which steps become longer, and below which they become shorter. The
+/// work per millisecond of a hold is bounded by the first; half of it is more than the second, so that a
+/// change is not reversed.
+const MAX_STEPS: u32 = 64;
+const MIN_STEPS: u32 = 24;
 /// Maximum number of steps of a recovery.
 const LONGEST_RECOVERY: u32 = 256;
 /// Number of values of `s''` between that of the recovery and the lowest that are tried in a step.
 const TRIALS: u32 = 4;
-/// Maximum `|s''|`, 1/s2. A stop then takes at least eleven steps, however slow the axes are, and `1.5 s''^2
-/// t^3 q''`, which the bounds of a step neglect, stays below a hundredth of the jerk limit where the plan has
-/// just started to move.
-const MAX_SECOND: f64 = 1.0 / (32.0 * STEP_S * STEP_S);
 /// Fractions of the acceleration and jerk limits that an axis may use. If the plan itself uses more, the same
 /// as the plan.
 const ALLOWED: (f64, f64) = (1.0, 1.002);
@@ -68,10 +77,17 @@ const ROUNDING: (f64, f64) = (1.0002, 1.004);
 /// all the time.
 const NEARLY: f64 = 0.01;
 /// Rounding at the end of a step, s.
-const NO_TIME_S: f64 = 1e-9 * STEP_S;
+const NO_TIME_S: f64 = 1e-9 * SHORTEST_STEP_S;
 /// Tolerance within which a rate has reached the target, and `|s'|` below which the rate is constant, 1/s.
 const AT_TARGET: f64 = 1e-9;
 const STILL: f64 = 1e-9;
+
+/// Maximum `|s''|`, 1/s2, with steps of `step_s`. A stop then takes at least eleven steps, however slow the
+/// axes are, and `1.5 s''^2 t^3 q''`, which the bounds of a step neglect, stays below a hundredth of the jerk
+/// limit where the plan has just started to move.
+fn max_second(step_s: f64) -> f64 {
+    1.0 / (32.0 * step_s * step_s)
+}
 
 /// The phase of a slowdown.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -165,6 +181,10 @@ pub(crate) struct Slowdown {
     left: f64,
     target: f64,
     phase: Phase,
+    /// Duration of a step, s: [`SHORTEST_STEP_S`] times a power of two.
+    step_s: f64,
+    /// Number of steps of the recovery that is known to be safe.
+    steps: u32,
 }
 
 impl Slowdown {
@@ -181,6 +201,8 @@ impl Slowdown {
             left: 0.0,
             target,
             phase: Phase::Changing,
+            step_s: SHORTEST_STEP_S,
+            steps: 0,
         }
     }
 
@@ -212,6 +234,7 @@ impl Slowdown {
         };
         if was_steady {
             (self.now.time, self.left) = (0.0, 0.0);
+            (self.step_s, self.steps) = (SHORTEST_STEP_S, 0);
             return Lead::FromSteady;
         }
         if let Phase::Diverted(_) = self.phase {
@@ -301,42 +324,45 @@ impl Slowdown {
         let from = self.now;
         ahead.release(from.time);
         let begin = ahead.oldest();
-        self.left = STEP_S;
         let mut follower = Follower {
             ahead,
             limits,
             axes: axes_in_use(limits),
             target: self.target,
+            step_s: self.step_s,
         };
-        let Some((bounds, _)) = follower.bounds(from, begin, STEP_S) else {
+        self.resize_step(&mut follower, begin);
+        let step_s = self.step_s;
+        let (trial_s, max_second) = (TRIAL_FRACTION * step_s, max_second(step_s));
+        self.left = step_s;
+        let Some((bounds, _)) = follower.bounds(from, begin, step_s) else {
             // The plan stops within the step at its present rate.
-            self.second = (-from.first / STEP_S).clamp(-MAX_SECOND, MAX_SECOND);
+            self.second = (-from.first / step_s).clamp(-max_second, max_second);
             return;
         };
         let recovery = bounds.recovery(from);
         if let Phase::Diverted(left) = self.phase {
             // A landing is closer to its target than a recovery could stop: if it passes the new target it
             // may also pass zero.
-            match follower.outlook(from, begin, recovery, STEP_S) {
+            match follower.outlook(from, begin, recovery, step_s) {
                 Outlook::Safe => self.phase = Phase::Changing,
                 Outlook::Past | Outlook::Unsafe => {
-                    self.left = left.min(STEP_S);
+                    self.left = left.min(step_s);
                     return;
                 }
             }
         }
         self.second = recovery;
-        let Some((bounds, _)) = follower.bounds(from, begin, TRIAL_S) else {
+        let Some((bounds, _)) = follower.bounds(from, begin, trial_s) else {
             return;
         };
         let most = if self.target < from.rate {
-            bounds.lower.max(-MAX_SECOND).min(recovery)
+            bounds.lower.max(-max_second).min(recovery)
         } else {
-            bounds.upper.min(MAX_SECOND).max(recovery)
+            bounds.upper.min(max_second).max(recovery)
         };
-        let outlook = follower.outlook(from, begin, most, TRIAL_S);
+        let outlook = self.attempt(&mut follower, begin, most);
         if outlook == Outlook::Safe {
-            (self.second, self.left) = (most, TRIAL_S);
             return;
         }
         let (mut safe, mut unsafe_second) = (recovery, most);
@@ -347,22 +373,57 @@ impl Slowdown {
             }
             // The value after which a recovery of one step ends at the target. From rates near it, each of
             // the values below passes it.
-            let off = self.target - from.rate - from.first * (TRIAL_S + 0.5 * STEP_S);
-            let exact = 2.0 * off / (TRIAL_S * (TRIAL_S + STEP_S));
+            let off = self.target - from.rate - from.first * (trial_s + 0.5 * step_s);
+            let exact = 2.0 * off / (trial_s * (trial_s + step_s));
             let between = (exact - most) * (exact - recovery) < 0.0;
-            if between && follower.outlook(from, begin, exact, TRIAL_S) == Outlook::Safe {
-                (self.second, self.left) = (exact, TRIAL_S);
+            if between && self.attempt(&mut follower, begin, exact) == Outlook::Safe {
                 safe = exact;
             }
         }
         for _ in 0..TRIALS {
             let middle = 0.5 * (safe + unsafe_second);
-            if follower.outlook(from, begin, middle, TRIAL_S) == Outlook::Safe {
-                (self.second, self.left) = (middle, TRIAL_S);
+            if self.attempt(&mut follower, begin, middle) == Outlook::Safe {
                 safe = middle;
             } else {
                 unsafe_second = middle;
             }
+        }
+    }
+
+    /// Follows a trial, and takes its `s''` if it is safe.
+    fn attempt<A: Lookahead>(
+        &mut self,
+        follower: &mut Follower<'_, A>,
+        begin: usize,
+        second: f64,
+    ) -> Outlook {
+        let trial_s = TRIAL_FRACTION * self.step_s;
+        let (outlook, steps) = follower.recovered(self.now, begin, second, trial_s);
+        if outlook == Outlook::Safe {
+            (self.second, self.left, self.steps) = (second, trial_s, steps);
+        }
+        outlook
+    }
+
+    /// Doubles or halves the step if the recovery of the last trial was long or short, and the recovery from
+    /// here is safe in the other steps, too.
+    fn resize_step<A: Lookahead>(&mut self, follower: &mut Follower<'_, A>, begin: usize) {
+        let other = if self.steps > MAX_STEPS && self.step_s < LONGEST_STEP_S {
+            2.0 * self.step_s
+        } else if self.steps < MIN_STEPS && self.step_s > SHORTEST_STEP_S {
+            0.5 * self.step_s
+        } else {
+            return;
+        };
+        follower.step_s = other;
+        let from = self.now;
+        let safe = follower.bounds(from, begin, other).and_then(|(bounds, _)| {
+            let (outlook, steps) = follower.recovered(from, begin, bounds.recovery(from), other);
+            (outlook == Outlook::Safe).then_some(steps)
+        });
+        match safe {
+            Some(steps) => (self.step_s, self.steps) = (other, steps),
+            None => follower.step_s = self.step_s,
         }
     }
 }
@@ -388,220 +449,4 @@ pub(crate) fn between(left: &Sample, right: &Sample, time: f64, axes: usize) -> 
     }
     plan.time = time;
     plan
-}
-
-#[cfg(test)]
-mod tests {
-    #![allow(clippy::expect_used, reason = "a test may fail")]
-
-    use evolvent_path::{Axes, Curve, Line};
-    use evolvent_planner::{PlanSink, Segment, SegmentMarks, Step, TimedSegment};
-    use evolvent_timing::{TimeLaw, TimeLawPiece};
-
-    use super::*;
-    use crate::queue::plan_queue;
-
-    const A: f64 = 2000.0;
-    const J: f64 = 50_000.0;
-    const PERIOD_S: f64 = 0.0005;
-
-    fn limits() -> Limits {
-        let mut present = [false; AXES];
-        present[0] = true;
-        Limits {
-            present,
-            velocity: Axes::repeat(300.0),
-            acceleration: Axes::repeat(A),
-            jerk: Axes::repeat(J),
-            travel_min: Axes::repeat(-1e4),
-            travel_max: Axes::repeat(1e4),
-            home: Axes::zeros(),
-        }
-    }
-
-    /// A line driven at `v` for `seconds`, in pieces of 10 ms.
-    fn cruise(v: f64, seconds: f64) -> (PlanConsumer, PlanPreview) {
-        let (mut producer, queue) = plan_queue(|| false);
-        let mut end = Axes::zeros();
-        end[0] = v * seconds;
-        let line = Line::new(Axes::zeros(), end).expect("line");
-        let segment = Segment {
-            curve: Curve::Line(line),
-            from: 0.0,
-            length: v * seconds,
-            line: 1,
-            block: 0,
-            marks: SegmentMarks::default(),
-        };
-        producer.segment(&segment).expect("room");
-        let flow = |k: f64| TimedSegment {
-            piece: TimeLawPiece {
-                law: TimeLaw::LinearAcceleration { v, b: 0.0, c: 0.0 },
-                length: 0.01 * v,
-                duration_s: 0.01,
-                segment: 0,
-                from: 0.01 * v * k,
-                interval: 0,
-            },
-            path: 0.01 * v * k,
-        };
-        for k in 0..(100.0 * seconds) as u32 {
-            producer
-                .step(&Step::TimedSegment(flow(f64::from(k))))
-                .expect("room");
-        }
-        producer.commit(u64::from((100.0 * seconds) as u32));
-        let mut preview = PlanPreview::new();
-        preview.begin(0, flow(0.0), 0.0);
-        (queue, preview)
-    }
-
-    /// Advances until `done` and returns seconds and plan time; every sample keeps acceleration and jerk.
-    fn drive(
-        slowdown: &mut Slowdown,
-        v: f64,
-        (queue, preview): &mut (PlanConsumer, PlanPreview),
-        done: impl Fn(&Slowdown) -> bool,
-    ) -> (f64, f64) {
-        let (limits, mut seconds, mut time) = (limits(), 0.0, 0.0);
-        while !done(slowdown) {
-            let mut ahead = Ahead { preview, queue };
-            time += slowdown.advance(PERIOD_S, &limits, &mut ahead);
-            seconds += PERIOD_S;
-            let Scale { rate, first, second } = slowdown.scale();
-            assert!((0.0..=1.001).contains(&rate), "{rate}");
-            assert!((first * v).abs() <= 1.001 * A && (second * v).abs() <= 1.01 * J);
-            assert!(seconds < 2.0, "never done: {slowdown:?}");
-        }
-        (seconds, time)
-    }
-
-    #[test]
-    fn a_stop_from_a_cruise_takes_the_jerk_limited_time() {
-        for v in [250.0_f64, 100.0, 40.0, 5.0, 0.5] {
-            let mut plan = cruise(v, 2.0);
-            let mut slowdown = Slowdown::new(0.0);
-            let (seconds, time) = drive(&mut slowdown, v, &mut plan, Slowdown::is_at_rest);
-            let least = if v > A * A / J {
-                v / A + A / J
-            } else {
-                2.0 * (v / J).sqrt()
-            };
-            // For slow axes [`MAX_SECOND`] determines the duration: at least eleven steps.
-            let most = (1.03 * least + 2.0 * STEP_S).max(0.014);
-            assert!(
-                seconds >= least - PERIOD_S && seconds <= most,
-                "{v}: {seconds} of {least}"
-            );
-            // A stop from constant speed is symmetric in time: half of the distance is driven.
-            assert!((time / seconds - 0.5).abs() < 0.05, "{v}: {time} in {seconds}");
-        }
-    }
-
-    #[test]
-    fn a_rate_is_landed_on_exactly_and_leads_back_to_one() {
-        let (v, mut plan) = (100.0, cruise(100.0, 3.0));
-        let mut slowdown = Slowdown::new(0.37);
-        let is_steady = |slowdown: &Slowdown| slowdown.steady_rate().is_some();
-        drive(&mut slowdown, v, &mut plan, is_steady);
-        assert_eq!(slowdown.steady_rate(), Some(0.37));
-        assert_eq!(slowdown.lead_to(0.37), Lead::Same);
-        assert_eq!(slowdown.lead_to(1.0), Lead::FromSteady);
-        let again = plan.0.step(40).and_then(|step| match step {
-            Step::TimedSegment(flow) => Some(flow),
-            _ => None,
-        });
-        plan.1.begin(40, again.expect("a piece"), 0.0);
-        drive(&mut slowdown, v, &mut plan, is_steady);
-        assert_eq!(slowdown.steady_rate(), Some(1.0));
-    }
-
-    #[test]
-    fn a_landing_near_rate_zero_does_not_pass_zero() {
-        for (v, cycles) in [150.0, 2.0]
-            .into_iter()
-            .flat_map(|v| (1..250).map(move |k| (v, k)))
-        {
-            let mut plan = cruise(v, 2.0);
-            let mut slowdown = Slowdown::new(0.0);
-            let limits = limits();
-            for k in 0..3 * cycles {
-                if k == cycles {
-                    let _led = slowdown.lead_to(0.0007);
-                }
-                let (queue, preview) = &mut plan;
-                let mut ahead = Ahead { preview, queue };
-                slowdown.advance(0.2 * PERIOD_S, &limits, &mut ahead);
-                // A falling rate that is clamped at zero is a jump of the velocity.
-                let Scale { rate, first, .. } = slowdown.scale();
-                assert!(
-                    rate > 0.0 || first > -1e-6,
-                    "{v} mm/s, led elsewhere after {cycles}: {slowdown:?}"
-                );
-                if slowdown.steady_rate().is_some() {
-                    break;
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn jerk_between_samples_follows_acceleration() {
-        // Acceleration t^3 - t, so the jerk is a parabola.
-        let sample = |t: f64| Sample {
-            time: t,
-            first: Axes::repeat(0.25 * t.powi(4) - 0.5 * t * t),
-            second: Axes::repeat(t.powi(3) - t),
-            third: Axes::repeat(3.0 * t * t - 1.0),
-        };
-        for t in [0.0, 0.2, 0.5, 0.9, 1.0] {
-            let found = between(&sample(0.0), &sample(1.0), t, 3);
-            assert!((found.third[2] - sample(t).third[2]).abs() < 1e-12, "{found:?}");
-            assert!((found.second[0] - sample(t).second[0]).abs() < 1e-12, "{found:?}");
-        }
-    }
-
-    #[test]
-    fn a_stop_from_any_constant_rate_ends() {
-        let rates = (0..=160).map(|k| 10.0_f64.powf(-0.05 * f64::from(k)));
-        for (v, rate) in [250.0, 19.0, 3.0, 0.5]
-            .into_iter()
-            .flat_map(|v| rates.clone().map(move |rate| (v, rate)))
-        {
-            let mut plan = cruise(v, 2.0);
-            let mut slowdown = Slowdown::new(0.0);
-            slowdown.settle(rate);
-            // As by `lead_to` from another target.
-            (slowdown.phase, slowdown.left) = (Phase::Changing, 0.0);
-            let (seconds, _) = drive(&mut slowdown, v, &mut plan, Slowdown::is_at_rest);
-            let least = 2.0 * (v * rate / J).sqrt().max(v * rate / A);
-            assert!(
-                seconds < 1.2 * least + 0.014,
-                "{v} mm/s at {rate}: {seconds} of {least}"
-            );
-        }
-    }
-
-    #[test]
-    fn a_stop_cancelled_and_requested_again_stops() {
-        for turns in [3, 17, 60, 110] {
-            let (v, mut plan) = (150.0, cruise(150.0, 4.0));
-            let mut slowdown = Slowdown::new(0.0);
-            let limits = limits();
-            for k in 0..400 {
-                let target = if k / turns % 2 == 0 { 0.0 } else { 1.0 };
-                if slowdown.is_at_rest() || slowdown.steady_rate().is_some() {
-                    break;
-                }
-                let _led = slowdown.lead_to(target);
-                let (queue, preview) = &mut plan;
-                let mut ahead = Ahead { preview, queue };
-                slowdown.advance(PERIOD_S, &limits, &mut ahead);
-            }
-            if slowdown.steady_rate().is_none() {
-                let _led = slowdown.lead_to(0.0);
-                drive(&mut slowdown, v, &mut plan, Slowdown::is_at_rest);
-            }
-        }
-    }
 }

@@ -10,9 +10,9 @@ use std::collections::VecDeque;
 use evolvent_machine::Limits;
 use evolvent_path::AXES;
 
-use crate::plan_preview::{LONGEST_PREVIEW_S, Sample};
+use crate::plan_preview::{Sample, longest_preview_s};
 use crate::setpoint::Setpoint;
-use crate::slowdown::{Lookahead, STEP_S, Slowdown, between};
+use crate::slowdown::{Lookahead, SHORTEST_STEP_S, Slowdown, between};
 
 /// Path time from one hold to the next, s.
 const SPACING_S: f64 = 0.01;
@@ -64,6 +64,8 @@ struct Hold {
 pub struct StoppingDistance {
     limits: Limits,
     period_s: f64,
+    /// How far the preview of the cycle looks ahead, s.
+    preview_s: f64,
     /// The plan since the last rest, as far as holds need it: derivatives and path.
     samples: VecDeque<(Sample, f64)>,
     /// Number of the first of them.
@@ -84,6 +86,7 @@ impl StoppingDistance {
     #[must_use]
     pub fn new(limits: Limits, period_s: f64) -> Self {
         Self {
+            preview_s: longest_preview_s(&limits),
             limits,
             period_s,
             samples: VecDeque::new(),
@@ -205,7 +208,7 @@ impl StoppingDistance {
                 }
                 // As far ahead as the preview of the cycle.
                 if self.rests_at.is_none()
-                    && newest < now + LONGEST_PREVIEW_S + 2.0 * self.period_s.max(SAMPLE_S)
+                    && newest < now + self.preview_s + 2.0 * self.period_s.max(SAMPLE_S)
                 {
                     break;
                 }
@@ -215,12 +218,13 @@ impl StoppingDistance {
                     begin: hold.begin,
                     from: hold.from,
                     rests_at: self.rests_at,
+                    preview_s: self.preview_s,
                     shifted: None,
                 };
                 let before = hold.slowdown.plan_time();
-                hold.slowdown.advance(STEP_S, &self.limits, &mut window);
+                hold.slowdown.advance(SHORTEST_STEP_S, &self.limits, &mut window);
                 hold.begin = window.begin;
-                hold.seconds += STEP_S;
+                hold.seconds += SHORTEST_STEP_S;
                 // The braking of the plan itself has made the slowdown superfluous.
                 if hold.slowdown.plan_time() <= before && hold.slowdown.is_at_rest() {
                     ended = true;
@@ -282,6 +286,7 @@ struct Window<'a> {
     begin: usize,
     from: f64,
     rests_at: Option<f64>,
+    preview_s: f64,
     shifted: Option<Sample>,
 }
 
@@ -300,7 +305,7 @@ impl Lookahead for Window<'_> {
     fn sample(&mut self, index: usize) -> Option<&Sample> {
         let (oldest, _) = self.samples.get(self.begin.checked_sub(self.first)?)?;
         let (sample, _) = self.samples.get(index.checked_sub(self.first)?)?;
-        if index > self.begin + 1 && sample.time - oldest.time > LONGEST_PREVIEW_S {
+        if index > self.begin + 1 && sample.time - oldest.time > self.preview_s {
             return None;
         }
         let mut shifted = *sample;

@@ -112,8 +112,12 @@ impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
     }
 }
 
-/// Drives a falsified plan to its end.
-fn drive(scenario: &Scenario, at: usize, step: f64, factor: f64) -> (Vec<Setpoint>, PathExecutor) {
+/// Drives a falsified plan to its end, with a hold from the setpoint `hold_from` on.
+fn drive(
+    scenario: &Scenario,
+    (at, step, factor): (usize, f64, f64),
+    hold_from: usize,
+) -> (Vec<Setpoint>, PathExecutor) {
     let (sink, queue): (_, PlanConsumer) = plan_queue(|| false);
     let mut queue = queue;
     let sink = Falsifier {
@@ -138,6 +142,13 @@ fn drive(scenario: &Scenario, at: usize, step: f64, factor: f64) -> (Vec<Setpoin
     let mut motion = scenario.motion();
     let (mut out, mut fed) = (Vec::new(), 0);
     while !motion.is_over() {
+        let inputs = Inputs {
+            hold: out.len() >= hold_from,
+            ..Inputs::default()
+        };
+        if inputs.hold && out.len() > hold_from + 2 && motion.is_at_rest() {
+            break;
+        }
         let mut tries = 0;
         while !motion.is_ready(&mut queue) && tries < 2000 {
             if let Some(one) = scenario.moves.get(fed) {
@@ -149,7 +160,7 @@ fn drive(scenario: &Scenario, at: usize, step: f64, factor: f64) -> (Vec<Setpoin
             tries += 1;
             let _full = planner.poll();
         }
-        out.push(motion.step(&Inputs::default(), &mut queue));
+        out.push(motion.step(&inputs, &mut queue));
         assert!(out.len() < 2_000_000, "does not end");
     }
     (out, motion)
@@ -168,7 +179,7 @@ fn published_setpoints_keep_limits_on_guard_stops() {
             1 => (0.0, sign * random.log(1.1, 50.0)),
             _ => (sign * random.log(1.0, 500.0), random.log(0.1, 10.0)),
         };
-        let (out, motion) = drive(&scenario, at, step, factor);
+        let (out, motion) = drive(&scenario, (at, step, factor), usize::MAX);
         if motion.fault().is_none() {
             continue;
         }
@@ -192,4 +203,44 @@ fn published_setpoints_keep_limits_on_guard_stops() {
     }
     assert!(provoked > cases / 4, "{provoked} of {cases} provoked the guard");
     println!("{provoked} of {cases}, worst ratios of velocity, acceleration, jerk: {most:.5?}");
+}
+
+/// The guard rejects a piece while a hold slows the plan down.
+#[test]
+fn guard_stops_in_a_hold_keep_limits() {
+    let (mut random, cases) = campaign(0x1401_0012, 60);
+    let (mut most, mut provoked) = ([0.0_f64; 3], 0);
+    for case in 0..cases {
+        let rate = [250.0, 1000.0, 4000.0][case % 3];
+        let scenario = scenario(&mut random, rate);
+        let at = 1 + random.pick(80);
+        let sign = if random.unit() < 0.5 { -1.0 } else { 1.0 };
+        let falsified = match random.pick(3) {
+            0 => (at, sign * random.log(20.0, 2000.0), 1.0),
+            1 => (at, 0.0, sign * random.log(1.1, 50.0)),
+            _ => (at, sign * random.log(1.0, 100.0), random.log(0.1, 10.0)),
+        };
+        let rejection = |out: &[Setpoint]| out.iter().position(|setpoint| setpoint.flags & flags::GUARD != 0);
+        // The hold begins up to 40 ms before the piece is reached.
+        let Some(undisturbed) = rejection(&drive(&scenario, falsified, usize::MAX).0) else {
+            continue;
+        };
+        let hold_from = undisturbed.saturating_sub(1 + random.pick((0.04 * rate) as usize));
+        let (out, motion) = drive(&scenario, falsified, hold_from);
+        if rejection(&out).is_none_or(|first| first <= hold_from + 1) {
+            continue;
+        }
+        provoked += 1;
+        let [v, a, j] = ratios(&scenario, &out);
+        for (most, ratio) in most.iter_mut().zip([v, a, j]) {
+            *most = most.max(ratio);
+        }
+        let what = format!(
+            "case {case} at {rate} Hz: {falsified:?}: {v} {a} {j}, {:?}",
+            motion.fault()
+        );
+        assert!(a <= 1.002 && j <= 1.021, "{what}");
+    }
+    println!("{provoked} of {cases}, worst ratios {most:.5?}");
+    assert!(provoked > cases / 20, "{provoked} of {cases} provoked the guard");
 }

@@ -114,53 +114,101 @@ fn dense_case(random: &mut Random, case: usize) -> Scenario {
     scenario
 }
 
+/// Six holds at random setpoints: for each its time but for 15 ms, as a multiple of the minimum of any path.
+fn ratios_of_holds(random: &mut Random, scenario: &Scenario, case: usize) -> Vec<f64> {
+    let period = scenario.period_ns as f64 * 1e-9;
+    let (plain, _) = run(scenario, |_| Inputs::default());
+    let mut ratios = Vec::new();
+    for trial in 0..6 {
+        let moment = 1 + random.pick(plain.len() - 2);
+        let frozen = trial % 3 == 0;
+        let what = format!(
+            "case {case}, frozen {frozen}, hold at {moment} of {}",
+            plain.len()
+        );
+        let (held, rest) = hold_at(scenario, moment, frozen, &what);
+        let took = (rest - moment) as f64 * period;
+        let least = least_stop(&plain[moment - 1], &scenario.limits);
+        ratios.push((took - 0.015) / least);
+        println!(
+            "{what}: {:.1} mm/s, {:.1} ms, no axis sooner than {:.1} ms",
+            plain[moment - 1].feed_mm_s,
+            took * 1e3,
+            least * 1e3
+        );
+        // Never faster than the undisturbed plan at the same position.
+        let mut k = moment - 1;
+        for setpoint in &held[moment..rest] {
+            while k + 1 < plain.len() && plain[k + 1].path_mm <= setpoint.path_mm {
+                k += 1;
+            }
+            let next = plain.get(k + 1).map_or(0.0, |next| next.feed_mm_s);
+            let planned = plain[k].feed_mm_s.max(next);
+            assert!(
+                setpoint.feed_mm_s <= 1.001 * planned + 0.05,
+                "{what}: {} mm/s where {planned} were planned",
+                setpoint.feed_mm_s
+            );
+        }
+    }
+    ratios
+}
+
+/// The median and the maximum.
+fn median_and_worst(mut ratios: Vec<f64>) -> (f64, f64) {
+    ratios.sort_by(f64::total_cmp);
+    let (median, worst) = (ratios[ratios.len() / 2], ratios[ratios.len() - 1]);
+    println!("but for 15 ms: median {median:.2}, worst {worst:.2} times the least of any path");
+    (median, worst)
+}
+
 #[test]
 fn holds_on_dense_contours_stop_soon() {
     let (mut random, cases) = campaign(0x1401_0001, 9);
     let mut ratios: Vec<f64> = Vec::new();
     for case in 0..cases {
         let scenario = dense_case(&mut random, case);
-        let period = scenario.period_ns as f64 * 1e-9;
-        let (plain, _) = run(&scenario, |_| Inputs::default());
-        for trial in 0..6 {
-            let moment = 1 + random.pick(plain.len() - 2);
-            let frozen = trial % 3 == 0;
-            let what = format!(
-                "case {case}, frozen {frozen}, hold at {moment} of {}",
-                plain.len()
-            );
-            let (held, rest) = hold_at(&scenario, moment, frozen, &what);
-            let took = (rest - moment) as f64 * period;
-            let least = least_stop(&plain[moment - 1], &scenario.limits);
-            ratios.push((took - 0.015) / least);
-            println!(
-                "{what}: {:.1} mm/s, {:.1} ms, no axis sooner than {:.1} ms",
-                plain[moment - 1].feed_mm_s,
-                took * 1e3,
-                least * 1e3
-            );
-            // Never faster than the undisturbed plan at the same position.
-            let mut k = moment - 1;
-            for setpoint in &held[moment..rest] {
-                while k + 1 < plain.len() && plain[k + 1].path_mm <= setpoint.path_mm {
-                    k += 1;
-                }
-                let next = plain.get(k + 1).map_or(0.0, |next| next.feed_mm_s);
-                let planned = plain[k].feed_mm_s.max(next);
-                assert!(
-                    setpoint.feed_mm_s <= 1.001 * planned + 0.05,
-                    "{what}: {} mm/s where {planned} were planned",
-                    setpoint.feed_mm_s
-                );
-            }
-        }
+        ratios.extend(ratios_of_holds(&mut random, &scenario, case));
     }
-    ratios.sort_by(f64::total_cmp);
-    let (median, worst) = (ratios[ratios.len() / 2], ratios[ratios.len() - 1]);
-    println!("but for 15 ms: median {median:.2}, worst {worst:.2} times the least of any path");
+    let (median, worst) = median_and_worst(ratios);
     // The minimum of a single axis cannot be reached where the path couples the axes: measured 1.2 to 1.4 and
     // 2.4 to 2.9 in three campaigns of 108 holds. Stops planned with the whole path known took 1.1 times as
     // long, the worst 26 times.
+    assert!(median <= 1.5 && worst <= 3.2, "{median}, {worst}");
+}
+
+/// At 35 kHz, where setpoints show every peak of the jerk.
+#[test]
+fn dense_holds_at_35_khz_keep_the_limits() {
+    let (mut random, cases) = campaign(0x1401_0005, 3);
+    let mut ratios: Vec<f64> = Vec::new();
+    for case in 0..cases {
+        let mut scenario = dense_case(&mut random, case);
+        scenario.moves.truncate(200);
+        scenario.period_ns = 28_571;
+        ratios.extend(ratios_of_holds(&mut random, &scenario, case));
+    }
+    let (median, worst) = median_and_worst(ratios);
+    assert!(median <= 1.5 && worst <= 3.2, "{median}, {worst}");
+}
+
+/// On machines that need up to 1 s to build up their acceleration.
+#[test]
+fn dense_holds_of_soft_machines_stop_soon() {
+    let (mut random, cases) = campaign(0x1401_0006, 6);
+    let mut ratios: Vec<f64> = Vec::new();
+    for case in 0..cases {
+        let acceleration = random.log(300.0, 3000.0);
+        let seconds = random.log(0.1, 1.0);
+        let mut limits = equal_axes(300.0, acceleration, acceleration / seconds);
+        if case % 2 == 1 {
+            limits.jerk[2] *= random.log(1.0, 10.0);
+        }
+        let mut scenario = dense(&mut random, 200, limits);
+        scenario.period_ns = [1_000_000, 250_000][case / 2 % 2];
+        ratios.extend(ratios_of_holds(&mut random, &scenario, case));
+    }
+    let (median, worst) = median_and_worst(ratios);
     assert!(median <= 1.5 && worst <= 3.2, "{median}, {worst}");
 }
 

@@ -4,8 +4,8 @@ use evolvent_machine::Limits;
 use evolvent_path::AXES;
 
 use super::{
-    ALLOWED, AT_TARGET, EARLY_ALLOWED, EARLY_FRACTION, LONGEST_RECOVERY, Lookahead, MAX_SECOND, NO_TIME_S,
-    ROUNDING, RateState, STEP_S, STILL, between,
+    ALLOWED, AT_TARGET, EARLY_ALLOWED, EARLY_FRACTION, LONGEST_RECOVERY, Lookahead, NO_TIME_S, ROUNDING,
+    RateState, STILL, between, max_second,
 };
 use crate::plan_preview::Sample;
 
@@ -27,17 +27,20 @@ pub(super) struct Bounds {
     pub(super) upper: f64,
     /// Amount by which a bound may be exceeded between instants.
     slack: f64,
+    /// Duration of the steps of the recovery, s.
+    step_s: f64,
 }
 
 impl Bounds {
     /// The value that brings `s'` to zero as soon as possible.
     pub(super) fn recovery(&self, from: RateState) -> f64 {
-        let needed = (-from.first / STEP_S).clamp(-MAX_SECOND, MAX_SECOND);
+        let most = max_second(self.step_s);
+        let needed = (-from.first / self.step_s).clamp(-most, most);
         // An empty range has infinite bounds.
         if from.first > 0.0 {
-            needed.max(self.lower.min(MAX_SECOND))
+            needed.max(self.lower.min(most))
         } else {
-            needed.min(self.upper.max(-MAX_SECOND))
+            needed.min(self.upper.max(-most))
         }
     }
 
@@ -53,27 +56,41 @@ pub(super) struct Follower<'a, A> {
     /// Number of axes; the others are absent.
     pub(super) axes: usize,
     pub(super) target: f64,
+    /// Duration of the steps of a recovery, s.
+    pub(super) step_s: f64,
 }
 
 impl<A: Lookahead> Follower<'_, A> {
     /// Whether the rate can become constant after `span` seconds with this `s''`.
     pub(super) fn outlook(&mut self, from: RateState, begin: usize, second: f64, span: f64) -> Outlook {
+        self.recovered(from, begin, second, span).0
+    }
+
+    /// As [`Self::outlook`], and the number of steps after which the outcome is known.
+    pub(super) fn recovered(
+        &mut self,
+        from: RateState,
+        begin: usize,
+        second: f64,
+        span: f64,
+    ) -> (Outlook, u32) {
         let falls = self.target < from.rate;
         let (mut now, mut index, mut second) = (from, begin, second);
         for step in 0..LONGEST_RECOVERY {
-            let span = if step == 0 { span } else { STEP_S };
+            let span = if step == 0 { span } else { self.step_s };
             let Some((bounds, next)) = self.bounds(now, index, span) else {
-                return if self.rests(now) {
+                let outcome = if self.rests(now) {
                     Outlook::Safe
                 } else {
                     Outlook::Unsafe
                 };
+                return (outcome, step);
             };
             if step > 0 {
                 second = bounds.recovery(now);
             }
             if !bounds.allow(second) {
-                return Outlook::Unsafe;
+                return (Outlook::Unsafe, step);
             }
             now = now.after(span, second);
             index = next;
@@ -85,21 +102,22 @@ impl<A: Lookahead> Follower<'_, A> {
                 now.rate - self.target
             };
             if towards && beyond > AT_TARGET {
-                return Outlook::Past;
+                return (Outlook::Past, step);
             }
             // Only rates from 0 to 1 can be kept.
             if !(-AT_TARGET..=1.0 + AT_TARGET).contains(&now.rate) {
-                return Outlook::Unsafe;
+                return (Outlook::Unsafe, step);
             }
             if now.first.abs() <= STILL {
-                return if beyond > AT_TARGET {
+                let outcome = if beyond > AT_TARGET {
                     Outlook::Past
                 } else {
                     Outlook::Safe
                 };
+                return (outcome, step);
             }
         }
-        Outlook::Unsafe
+        (Outlook::Unsafe, LONGEST_RECOVERY)
     }
 
     /// The constant `s''` that leads to the target, and its duration, if the limits are kept throughout.
@@ -112,7 +130,7 @@ impl<A: Lookahead> Follower<'_, A> {
         let seconds = -2.0 * fall / from.first;
         let (mut now, mut index, mut left) = (from, begin, seconds);
         for _ in 0..LONGEST_RECOVERY {
-            let span = left.min(STEP_S);
+            let span = left.min(self.step_s);
             let Some((bounds, next)) = self.bounds(now, index, span) else {
                 return self.rests(now).then_some((second, seconds));
             };
@@ -131,7 +149,7 @@ impl<A: Lookahead> Follower<'_, A> {
 
     /// Whether the plan stops within the next step.
     fn rests(&self, now: RateState) -> bool {
-        let end = now.time + STEP_S * now.rate;
+        let end = now.time + self.step_s * now.rate;
         self.ahead.rests_at().is_some_and(|rest| rest <= end)
     }
 
@@ -146,7 +164,7 @@ impl<A: Lookahead> Follower<'_, A> {
         let end = from.time + span * (from.rate + 0.5 * span * from.first).max(0.0);
         let limits = self.limits;
         let axes = self.axes;
-        let mut gathered = Gathered::new(limits, axes, from, span);
+        let mut gathered = Gathered::new(limits, axes, from, span, self.step_s);
         let (mut index, mut left) = (begin, *self.sample(begin)?);
         // A step may end slightly before the time up to which its bounds were taken, and a jump of the plan
         // may lie between the two. The preview and the later step must see the same samples.
@@ -191,18 +209,20 @@ struct Gathered<'a> {
     pub(super) axes: usize,
     pub(super) from: RateState,
     span: f64,
+    step_s: f64,
     pub(super) lower: f64,
     pub(super) upper: f64,
     slack: f64,
 }
 
 impl<'a> Gathered<'a> {
-    pub(super) fn new(limits: &'a Limits, axes: usize, from: RateState, span: f64) -> Self {
+    pub(super) fn new(limits: &'a Limits, axes: usize, from: RateState, span: f64, step_s: f64) -> Self {
         Self {
             limits,
             axes,
             from,
             span,
+            step_s,
             lower: f64::NEG_INFINITY,
             upper: f64::INFINITY,
             slack: f64::INFINITY,
@@ -239,7 +259,7 @@ impl<'a> Gathered<'a> {
     /// Keeps `|base + s'' slope| <= most`.
     fn bound(&mut self, base: f64, slope: f64, most: f64, slack: f64) {
         let size = slope.abs();
-        if size * MAX_SECOND < 1e-3 * most {
+        if size * max_second(self.step_s) < 1e-3 * most {
             // No choice of `s''` changes this.
             if base.abs() > most + slack + 1e-3 * most {
                 self.lower = f64::INFINITY;
@@ -257,6 +277,7 @@ impl<'a> Gathered<'a> {
             lower: self.lower,
             upper: self.upper,
             slack: if self.slack.is_finite() { self.slack } else { 0.0 },
+            step_s: self.step_s,
         }
     }
 }
