@@ -76,7 +76,7 @@ pub use error::AnalysisError;
 pub use explain::{Explanation, LineExplainer};
 pub use feed_words::FeedWords;
 pub use figure::PlanFigure;
-pub use limiting::{LimitClassifier, Limiting, Order, Shares};
+pub use limiting::{LimitClassifier, LimitRatios, Limiting, Order};
 pub use load_setup::load_setup;
 pub use longest_stop::LongestStopReport;
 pub use needed_rate::NeededRate;

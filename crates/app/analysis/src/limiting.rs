@@ -120,7 +120,7 @@ impl Limiting {
 
 /// The utilization of every limit at a setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shares {
+pub struct LimitRatios {
     /// Path speed relative to the feed word; 0 without one.
     pub feed_ratio: f64,
     /// Path speed relative to the speed at which the chord error is what the planner aims at
@@ -165,7 +165,7 @@ impl LimitClassifier {
 
     /// The utilization of every limit. `feed_mm_s` is the feed word before override; `None` on rapids.
     #[must_use]
-    pub fn shares(&self, setpoint: &Setpoint, feed_mm_s: Option<f64>) -> Shares {
+    pub fn ratios(&self, setpoint: &Setpoint, feed_mm_s: Option<f64>) -> LimitRatios {
         let mut axes = [[0.0; 3]; 9];
         for (i, inverse) in self.inverse.iter().enumerate() {
             axes[i] = [
@@ -187,7 +187,7 @@ impl LimitClassifier {
         } else {
             0.0
         };
-        Shares {
+        LimitRatios {
             feed_ratio: if feed.is_finite() { feed } else { 0.0 },
             chord_ratio: chord,
             axes,
@@ -197,13 +197,13 @@ impl LimitClassifier {
     /// The active limit at this setpoint: the feed word first, then the limit with the largest ratio.
     #[must_use]
     pub fn classify(&self, setpoint: &Setpoint, feed_mm_s: Option<f64>) -> Limiting {
-        self.judge(setpoint, &self.shares(setpoint, feed_mm_s))
+        self.judge(setpoint, &self.ratios(setpoint, feed_mm_s))
     }
 
     /// Like [`Self::classify`], for known ratios.
     #[must_use]
-    pub fn judge(&self, setpoint: &Setpoint, shares: &Shares) -> Limiting {
-        let still = shares
+    pub fn judge(&self, setpoint: &Setpoint, ratios: &LimitRatios) -> Limiting {
+        let still = ratios
             .axes
             .iter()
             .all(|axis| axis[0] <= STANDING && axis[1] <= STANDING);
@@ -215,21 +215,21 @@ impl LimitClassifier {
         {
             return Limiting::Standing;
         }
-        if shares.feed_ratio >= REACHED {
+        if ratios.feed_ratio >= REACHED {
             return Limiting::Feed;
         }
         // At a joint, the jerk is bounded only by the joint rule: whatever its value, the joint is the cause.
         if setpoint.flags & flags::JOINT != 0 {
             return Limiting::Joint;
         }
-        let (mut found, mut most) = (Limiting::Nothing, REACHED);
-        if shares.chord_ratio >= most {
-            (found, most) = (Limiting::ChordError, shares.chord_ratio);
+        let (mut found, mut highest) = (Limiting::Nothing, REACHED);
+        if ratios.chord_ratio >= highest {
+            (found, highest) = (Limiting::ChordError, ratios.chord_ratio);
         }
-        for (axis, shares) in AxisLetter::ALL.iter().zip(&shares.axes) {
-            for (order, &share) in Order::ALL.iter().zip(shares) {
-                if share >= most {
-                    (found, most) = (Limiting::Axis(*axis, *order), share);
+        for (axis, ratios) in AxisLetter::ALL.iter().zip(&ratios.axes) {
+            for (order, &fraction) in Order::ALL.iter().zip(ratios) {
+                if fraction >= highest {
+                    (found, highest) = (Limiting::Axis(*axis, *order), fraction);
                 }
             }
         }
@@ -364,11 +364,11 @@ pub(crate) mod tests {
                 (axis.max_velocity, axis.max_acceleration, axis.max_jerk) = (1e9, 1e12, 1e15);
             }
             let classifier = LimitClassifier::new(&machine, 0.001);
-            let shares = classifier.shares(&on_circle(speed), None);
+            let ratios = classifier.ratios(&on_circle(speed), None);
             assert!(
-                (shares.chord_ratio - 1.0).abs() < 1e-9,
+                (ratios.chord_ratio - 1.0).abs() < 1e-9,
                 "R {radius}: {}",
-                shares.chord_ratio
+                ratios.chord_ratio
             );
             assert_eq!(classifier.classify(&on_circle(speed), None), Limiting::ChordError);
             assert_eq!(

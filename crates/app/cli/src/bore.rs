@@ -350,7 +350,7 @@ mod tests {
     #[test]
     fn each_depth_is_roughed_before_any_is_finished() {
         let text = program(&format!("{BORE_200} --depth 9 --step 5")).unwrap();
-        let places: Vec<_> = [
+        let positions: Vec<_> = [
             "(roughing at Z-4.5)",
             "(roughing at Z-9)",
             "(finishing at Z-4.5)",
@@ -359,7 +359,7 @@ mod tests {
         .into_iter()
         .map(|title| text.find(title).unwrap())
         .collect();
-        assert!(places.is_sorted());
+        assert!(positions.is_sorted());
     }
 
     #[test]

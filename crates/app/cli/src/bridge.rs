@@ -331,12 +331,12 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
 /// Checks the ranges of all numbers. Returns the duration; `None` for no limit.
 fn checked_ranges(args: &SimArgs) -> Result<Option<Duration>, CommandError> {
     let usage = |text: String| CommandError::Usage(text);
-    let within = |name: &str, value: f64, least: f64, most: f64| {
-        if (least..=most).contains(&value) {
+    let within = |name: &str, value: f64, min: f64, max: f64| {
+        if (min..=max).contains(&value) {
             return Ok(());
         }
         Err(usage(format!(
-            "--{name} {} is out of range: choose {least} to {most}",
+            "--{name} {} is out of range: choose {min} to {max}",
             plain(value)
         )))
     };
@@ -429,9 +429,9 @@ fn signalling(mut script: InputScript) -> Signalling {
             let first_ns = *first_ns.get_or_insert(setpoint.due_time_ns);
             setpoint.due_time_ns.saturating_sub(first_ns) as f64 * 1e-9
         });
-        let place = setpoint.map(|setpoint| (setpoint.path_mm, setpoint.line));
+        let progress = setpoint.map(|setpoint| (setpoint.path_mm, setpoint.line));
         // One change at a time: a value that changes and changes back immediately is sent as both.
-        if let Some(image) = script.step(seconds, place) {
+        if let Some(image) = script.step(seconds, progress) {
             (now.digital_mask, now.digital) = (image.digital_known, image.digital);
             (now.analog_mask, now.analog) = (image.analog_known, image.analog);
         }

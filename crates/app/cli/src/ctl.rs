@@ -14,7 +14,7 @@ use evolvent_control::CommandCode;
 use crate::ctl_answer::tell;
 use crate::ctl_args::{Action, CtlArgs};
 use crate::ctl_request::request;
-use crate::ctl_session::{MAX_LOOKS, POLL, STOP_ANSWER, Session};
+use crate::ctl_session::{MAX_POLLS, POLL, STOP_ANSWER, Session};
 use crate::ctl_status::{status_to_json, write_status};
 use crate::{CommandError, Ending};
 
@@ -135,7 +135,7 @@ fn only_machine(args: &CtlArgs) -> Result<String, CommandError> {
 /// A status that is not older than its publisher.
 fn fresh_status(reader: &mut StatusReader) -> Result<Status, CommandError> {
     let mut first: Option<u64> = None;
-    for _ in 0..MAX_LOOKS {
+    for _ in 0..MAX_POLLS {
         let latest = reader
             .latest()
             .map_err(|error| CommandError::Failed(error.to_string()))?;

@@ -127,7 +127,7 @@ pub(crate) fn tell(
 mod tests {
     use super::*;
 
-    fn told(job_result: JobResult, machine_state: u32, by_own_stop: bool) -> Result<Ending, String> {
+    fn outcome(job_result: JobResult, machine_state: u32, by_own_stop: bool) -> Result<Ending, String> {
         let answer = ControlAnswer {
             job: 7,
             ..ControlAnswer::default()
@@ -147,14 +147,14 @@ mod tests {
 
     #[test]
     fn only_done_or_own_stop_counts_as_success() {
-        assert!(told(JobResult::Done, 2, false).is_ok());
-        assert!(told(JobResult::Stopped, 2, true).is_ok());
-        let stopped = told(JobResult::Stopped, 2, false).unwrap_err();
+        assert!(outcome(JobResult::Done, 2, false).is_ok());
+        assert!(outcome(JobResult::Stopped, 2, true).is_ok());
+        let stopped = outcome(JobResult::Stopped, 2, false).unwrap_err();
         assert!(stopped.contains("stopped before the end"), "{stopped}");
         for result in [JobResult::Stopped, JobResult::Fault] {
-            let estop = told(result, IN_ESTOP, false).unwrap_err();
+            let estop = outcome(result, IN_ESTOP, false).unwrap_err();
             assert!(estop.contains("was stopped by ESTOP"), "{estop}");
         }
-        assert!(told(JobResult::Fault, 2, true).is_err());
+        assert!(outcome(JobResult::Fault, 2, true).is_err());
     }
 }

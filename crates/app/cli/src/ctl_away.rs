@@ -9,7 +9,7 @@ use evolvent_path::{AxisLetter, AxisMask};
 
 use crate::ctl_answer::tell;
 use crate::ctl_request::request;
-use crate::ctl_session::{MAX_LOOKS, POLL, Session};
+use crate::ctl_session::{MAX_POLLS, POLL, Session};
 use crate::{CommandError, Ending};
 
 /// Axes that have not moved for this time are at rest. Between two legs of the return they stop for less
@@ -101,11 +101,11 @@ impl Session {
 
     /// Waits until the axes are at rest or the program has ended. A signal stops the motion.
     pub(crate) fn await_rest(&mut self, answer: &ControlAnswer) -> Result<Rest, CommandError> {
-        let (mut sequence, mut looks, mut is_stopped) = (0, 0, false);
+        let (mut sequence, mut polls, mut is_stopped) = (0, 0, false);
         let mut moved = AxisMask::NONE;
         let mut since: Option<Instant> = None;
         loop {
-            looks += 1;
+            polls += 1;
             if self.is_interrupted() && !is_stopped {
                 is_stopped = true;
                 self.send(&request(CommandCode::JogStop))?;
@@ -113,7 +113,7 @@ impl Session {
             if let Some(status) = self.latest()?
                 && status.sequence != sequence
             {
-                (sequence, looks) = (status.sequence, 0);
+                (sequence, polls) = (status.sequence, 0);
                 for (axis, velocity) in status.velocity.iter().enumerate() {
                     moved |= AxisMask::one_if(axis, *velocity != 0.0);
                 }
@@ -130,7 +130,7 @@ impl Session {
                     };
                 }
             }
-            if looks > MAX_LOOKS {
+            if polls > MAX_POLLS {
                 return Err(CommandError::Failed("the core has ended".to_owned()));
             }
             std::thread::sleep(POLL);

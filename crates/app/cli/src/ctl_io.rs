@@ -105,7 +105,7 @@ pub(crate) fn run(
         ),
         None => None,
     };
-    let Heard {
+    let Signals {
         outputs,
         inputs,
         feedback,
@@ -127,7 +127,7 @@ pub(crate) fn run(
 }
 
 /// The present outputs and status, and the newest message of each bridge that is not too old.
-struct Heard {
+struct Signals {
     outputs: Option<MachineOutputs>,
     inputs: Vec<MachineInputs>,
     feedback: Vec<Feedback>,
@@ -135,7 +135,7 @@ struct Heard {
 }
 
 /// Collects messages for [`LISTENING`].
-fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Heard, Box<dyn std::error::Error>> {
+fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Signals, Box<dyn std::error::Error>> {
     let (mut outputs, mut inputs, mut status) = (bus.outputs()?, bus.inputs()?, bus.status()?);
     let mut reports = bus.feedback()?;
     let mut last = None;
@@ -158,7 +158,7 @@ fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Heard, B
     let now_ns = MonotonicClock::now_ns();
     let max_age_s = settings.map_or(LISTENING.as_secs_f64(), |settings| settings.input_timeout_s);
     bridges.retain(|message| now_ns.saturating_sub(message.time_ns) as f64 * 1e-9 <= max_age_s);
-    Ok(Heard {
+    Ok(Signals {
         outputs: last,
         inputs: bridges,
         feedback,

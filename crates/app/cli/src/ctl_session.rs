@@ -42,7 +42,7 @@ pub(crate) const POLL: Duration = Duration::from_millis(5);
 
 /// Number of polls without a new status, over two seconds, after which the core counts as gone. Polls are
 /// counted, because a process that was suspended for that time has not polled.
-pub(crate) const MAX_LOOKS: u32 = 400;
+pub(crate) const MAX_POLLS: u32 = 400;
 
 /// Minimum duration of a program stop: user-defined M codes pass through a short one.
 const PROGRAM_STOP: Duration = Duration::from_millis(300);
@@ -374,12 +374,12 @@ impl Session {
             return tell(&answer, None, self.json, out);
         }
         // The machine file limits the time that drives may take, and the core raises an alarm after it.
-        let (mut sequence, mut looks) = (0, 0);
+        let (mut sequence, mut polls) = (0, 0);
         loop {
-            looks += 1;
+            polls += 1;
             if let Some(status) = self.latest()? {
                 if status.sequence != sequence {
-                    (sequence, looks) = (status.sequence, 0);
+                    (sequence, polls) = (status.sequence, 0);
                 }
                 let seen = status.cycles > answer.sequence + 1;
                 if seen && status.machine_state == 2 {
@@ -395,7 +395,7 @@ impl Session {
                     ));
                 }
             }
-            if looks > MAX_LOOKS {
+            if polls > MAX_POLLS {
                 return Err(CommandError::Failed("the core has ended".to_owned()));
             }
             std::thread::sleep(POLL);
@@ -414,11 +414,11 @@ impl Session {
 
     /// The status at the end of a job. Prints a tool change that the job waits for.
     fn await_job(&mut self, job: u64, waiting: Waiting, err: &mut dyn Write) -> Result<Status, CommandError> {
-        let (mut sequence, mut looks) = (0, 0);
+        let (mut sequence, mut polls) = (0, 0);
         let (mut stopped_since, mut is_stopped): (Option<Instant>, bool) = (None, false);
-        let mut told = None;
+        let mut reported = None;
         loop {
-            looks += 1;
+            polls += 1;
             if self.interrupted.load(Ordering::Relaxed) && !is_stopped {
                 is_stopped = true;
                 let Some(code) = waiting.stop else {
@@ -438,7 +438,7 @@ impl Session {
                     return Ok(status);
                 }
                 let wanted = (status.tool_change == 1).then_some(status.tool_wanted);
-                if wanted.is_some() && wanted != told && !self.json {
+                if wanted.is_some() && wanted != reported && !self.json {
                     // If standard error is closed, nobody is left to inform.
                     drop(writeln!(
                         err,
@@ -446,7 +446,7 @@ impl Session {
                         status.operator_message()
                     ));
                 }
-                told = wanted;
+                reported = wanted;
                 // A wait for a speed, an angle or an input ends by itself, and `resume` does not end it.
                 let is_at_stop = status.job == job
                     && status.state == AT_PROGRAM_STOP
@@ -465,10 +465,10 @@ impl Session {
                     ));
                 }
                 if status.sequence != sequence {
-                    (sequence, looks) = (status.sequence, 0);
+                    (sequence, polls) = (status.sequence, 0);
                 }
             }
-            if looks > MAX_LOOKS {
+            if polls > MAX_POLLS {
                 return Err(CommandError::Failed("the core has ended".to_owned()));
             }
             std::thread::sleep(POLL);

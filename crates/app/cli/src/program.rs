@@ -119,7 +119,7 @@ impl ProgramArgs {
             Commands::open(&self.program, setup).map_err(|error| CommandError::Failed(error.to_string()))?;
         if let Some(start) = commands.start() {
             // If standard error is closed, nobody is left to inform.
-            drop(writeln!(err, "{}", start.told()));
+            drop(writeln!(err, "{}", start.description()));
         }
         Ok(())
     }

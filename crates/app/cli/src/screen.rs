@@ -13,7 +13,7 @@ pub(crate) struct Screen {
     /// Whether someone can confirm program stops.
     asks: bool,
     /// The last program stop that was reported, as the number of stops passed by then.
-    asked: Option<u32>,
+    prompted: Option<u32>,
 }
 
 impl Screen {
@@ -32,7 +32,7 @@ impl Screen {
             bar,
             lines,
             asks,
-            asked: None,
+            prompted: None,
         }
     }
 
@@ -66,8 +66,8 @@ impl RunObserver for Screen {
                 progress.cycles
             ));
         }
-        if self.asks && progress.at_program_stop && self.asked != Some(progress.resumes) {
-            self.asked = Some(progress.resumes);
+        if self.asks && progress.at_program_stop && self.prompted != Some(progress.resumes) {
+            self.prompted = Some(progress.resumes);
             self.say(&format!(
                 "program stop at line {}: press Enter to continue",
                 progress.line

@@ -23,7 +23,7 @@ const STALE: Duration = Duration::from_millis(500);
 /// Maximum wait of a single snapshot for a core and its status.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Duration of one search for a core in full-screen mode, between two checks of the keys.
-const LOOK: Duration = Duration::from_millis(300);
+const CONNECT_TIMEOUT: Duration = Duration::from_millis(300);
 /// Colours; they end with the letter m, and no part of them is visible.
 const BOLD: &str = "\x1b[1m";
 const RED: &str = "\x1b[31m";
@@ -111,7 +111,7 @@ fn watch(args: &TopArgs, terminal: &mut Terminal<'_>, stop: &AtomicBool) -> Resu
     let mut newest: Option<(Status, Instant)> = None;
     while !stop.load(Ordering::Relaxed) && !terminal.wants_to_end() {
         if client.is_none() {
-            match open(args, LOOK) {
+            match open(args, CONNECT_TIMEOUT) {
                 Ok(opened) => client = Some(opened),
                 Err(error) => {
                     let text = format!("{}: {error}\n\nq ends\n", args.machine_name);

@@ -118,11 +118,11 @@ impl Limits {
 
     /// One limit for both directions, and the reason for it if the configuration has none.
     fn max_rpm(&self) -> (f64, Option<String>) {
-        let most = *SPEEDS_RPM.end();
+        let max = *SPEEDS_RPM.end();
         let reverse = self.reverse.filter(|rpm| *rpm > 0.0);
         let (rpm, why) = match (self.forward, reverse) {
             (None, None) => (
-                most,
+                max,
                 Some("LinuxCNC does not limit it; write its maximum speed".to_owned()),
             ),
             (Some(forward), Some(reverse)) if forward != reverse => (
@@ -138,7 +138,7 @@ impl Limits {
                 Some("MAX_FORWARD_VELOCITY is missing: the value of MAX_REVERSE_VELOCITY".to_owned()),
             ),
         };
-        let within = rpm.clamp(*SPEEDS_RPM.start(), most);
+        let within = rpm.clamp(*SPEEDS_RPM.start(), max);
         if within == rpm {
             return (rpm, why);
         }

@@ -333,10 +333,10 @@ impl Comparison {
             self.deviation_at_mm = record.path_mm;
             self.deviation_line = record.line;
         }
-        if let Some(most) = &mut self.max_rotary_deviation_deg
-            && turned > *most
+        if let Some(max) = &mut self.max_rotary_deviation_deg
+            && turned > *max
         {
-            *most = turned;
+            *max = turned;
             self.rotary_deviation_at_mm = record.path_mm;
             self.rotary_deviation_line = record.line;
         }
@@ -499,15 +499,15 @@ impl<I: Iterator<Item = Result<CycleRecord, ReadError>>> Ahead<I> {
             return Ok(None);
         }
         let before = self.before.unwrap_or(after);
-        let way = after.path_mm - before.path_mm;
-        let share = if way > 0.0 {
-            ((path_mm - before.path_mm) / way).clamp(0.0, 1.0)
+        let length = after.path_mm - before.path_mm;
+        let fraction = if length > 0.0 {
+            ((path_mm - before.path_mm) / length).clamp(0.0, 1.0)
         } else {
             1.0
         };
         let position =
-            std::array::from_fn(|i| before.position[i] + share * (after.position[i] - before.position[i]));
-        let sequence = before.sequence as f64 + share * (after.sequence - before.sequence) as f64;
+            std::array::from_fn(|i| before.position[i] + fraction * (after.position[i] - before.position[i]));
+        let sequence = before.sequence as f64 + fraction * (after.sequence - before.sequence) as f64;
         Ok(Some((position, sequence)))
     }
 

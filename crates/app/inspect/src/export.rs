@@ -103,7 +103,7 @@ fn export_to<W: Write + Send>(
         ExportChannel::Events => Table::of_events(start_ns),
         ExportChannel::Blocks => Table::of_blocks(start_ns),
     };
-    let (mut writer, most) = match format {
+    let (mut writer, max) = match format {
         ExportFormat::Csv => {
             let mut out = out;
             let names: Vec<&str> = table.columns.iter().map(|column| column.name.as_str()).collect();
@@ -116,8 +116,8 @@ fn export_to<W: Write + Send>(
         }
     };
     let mut rows = 0;
-    let mut flush = |table: &mut Table, least: usize| -> Result<(), ExportError> {
-        if table.rows() < least.max(1) {
+    let mut flush = |table: &mut Table, min: usize| -> Result<(), ExportError> {
+        if table.rows() < min.max(1) {
             return Ok(());
         }
         rows += table.rows() as u64;
@@ -135,7 +135,7 @@ fn export_to<W: Write + Send>(
             trace.each_cycle(first_ns, last_ns, |record| -> Result<_, ExportError> {
                 if selection.has_line(record.line) {
                     table.push_cycle(record);
-                    flush(&mut table, most)?;
+                    flush(&mut table, max)?;
                 }
                 Ok(ControlFlow::Continue(()))
             })?;
@@ -145,7 +145,7 @@ fn export_to<W: Write + Send>(
                 let record = record?;
                 if within(record.time_ns) {
                     table.push_event(&record);
-                    flush(&mut table, most)?;
+                    flush(&mut table, max)?;
                 }
             }
         }
@@ -154,7 +154,7 @@ fn export_to<W: Write + Send>(
                 let record = record?;
                 if within(record.time_ns) && selection.has_line(record.line) {
                     table.push_block(&record);
-                    flush(&mut table, most)?;
+                    flush(&mut table, max)?;
                 }
             }
         }

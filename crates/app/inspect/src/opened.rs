@@ -189,7 +189,7 @@ impl Opened {
             memory,
             start_line: start_line.filter(|&line| line > 0),
             // A program run by `run` starts at home, with spindle and coolant off.
-            place: None,
+            position: None,
             unhomed: AxisMask::NONE,
             tool: tool.unwrap_or(0),
             selected_tool: None,

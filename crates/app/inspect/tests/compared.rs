@@ -48,7 +48,7 @@ fn the_slower_run_is_named_with_lines_and_the_reason() {
 fn a_bump_in_one_run_is_found_at_its_place() {
     let folder = tempfile::tempdir().expect("a folder");
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
-    let mut place = 0.0;
+    let mut position = 0.0;
     let bumped = altered(
         &trace,
         "bumped",
@@ -56,7 +56,7 @@ fn a_bump_in_one_run_is_found_at_its_place() {
         |cycle| {
             if (300..310).contains(&cycle.sequence) {
                 cycle.position[1] += 0.01;
-                place = cycle.path_mm;
+                position = cycle.path_mm;
             }
             true
         },
@@ -68,8 +68,8 @@ fn a_bump_in_one_run_is_found_at_its_place() {
         found.max_deviation_mm
     );
     assert!(
-        (found.deviation_at_mm - place).abs() < 2.0,
-        "{} for {place}",
+        (found.deviation_at_mm - position).abs() < 2.0,
+        "{} for {position}",
         found.deviation_at_mm
     );
 }

@@ -239,13 +239,13 @@ fn the_path_in_space_fills_its_picture() {
         { l = Math.min(l, x); r = Math.max(r, x); t = Math.min(t, y); b = Math.max(b, y); } return [(r - l) \
         / w, (b - t) / h].join(' ');";
     let document = opened(&browser, &page, script);
-    let shares: Vec<f64> = probed(&document)
+    let fractions: Vec<f64> = probed(&document)
         .split(' ')
-        .map(|share| share.parse().expect("two numbers"))
+        .map(|fraction| fraction.parse().expect("two numbers"))
         .collect();
     assert!(
-        shares[0] > 0.8 || shares[1] > 0.8,
-        "{shares:?} of width and height"
+        fractions[0] > 0.8 || fractions[1] > 0.8,
+        "{fractions:?} of width and height"
     );
 }
 
@@ -255,13 +255,13 @@ fn cycles_that_are_missing_at_the_beginning_are_told() {
     let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
     let count = cycles(&trace).len() as u64;
     let page = folder.path().join("run.html");
-    let told = |trace: &Path| {
+    let note = |trace: &Path| {
         write_report(trace, &page).expect("a page");
         std::fs::read_to_string(&page).expect("the page")
     };
     let lost = 800;
     let late = altered(&trace, "late", |_| {}, |cycle| cycle.sequence >= lost);
-    let text = told(&late);
+    let text = note(&late);
     let whole = format!("{:.3} s", count as f64 * 1e-3);
     assert!(
         text.contains(&format!("{lost} cycles are missing in 1 gaps")),
@@ -286,7 +286,7 @@ fn cycles_that_are_missing_at_the_beginning_are_told() {
     let describe = |run: &mut evolvent_trace::RunInfo| {
         run.extra.insert(CONTINUES_AT.to_owned(), lost.to_string());
     };
-    let text = told(&altered(&trace, "next", describe, |cycle| cycle.sequence >= lost));
+    let text = note(&altered(&trace, "next", describe, |cycle| cycle.sequence >= lost));
     let rest = count - lost;
     assert!(
         text.contains(&format!("All {rest} cycles were recorded, without a gap.")),
@@ -305,8 +305,8 @@ fn damage_in_the_middle_is_not_called_a_truncated_end() {
     let summary = mcap::Summary::read(&bytes).expect("a summary").expect("one");
     let chunks = &summary.chunk_indexes;
     let chunk = &chunks[chunks.len() / 2];
-    let place = chunk.chunk_start_offset + chunk.chunk_length - 10;
-    bytes[usize::try_from(place).expect("within the file")] ^= 1;
+    let offset = chunk.chunk_start_offset + chunk.chunk_length - 10;
+    bytes[usize::try_from(offset).expect("within the file")] ^= 1;
     let (damaged, saved) = (
         folder.path().join("damaged.mcap"),
         folder.path().join("saved.mcap"),

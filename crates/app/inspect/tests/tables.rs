@@ -32,7 +32,7 @@ fn csv_bears_units_and_reads_back_to_the_same_bits() {
     let mut lines = text.lines();
     let names: Vec<&str> = lines.next().expect("a header").split(',').collect();
     let at = |name: &str| names.iter().position(|found| *found == name).expect(name);
-    let places = [
+    let columns = [
         at("X_position_mm"),
         at("Y_velocity_mm_s"),
         at("Z_acceleration_mm_s2"),
@@ -49,9 +49,9 @@ fn csv_bears_units_and_reads_back_to_the_same_bits() {
             cycle.jerk[0],
             cycle.feed_mm_s,
         ];
-        for (place, wanted) in places.iter().zip(wanted) {
-            let found: f64 = fields[*place].parse().expect("a number");
-            assert_eq!(found.to_bits(), wanted.to_bits(), "{} in {line}", names[*place]);
+        for (column, wanted) in columns.iter().zip(wanted) {
+            let found: f64 = fields[*column].parse().expect("a number");
+            assert_eq!(found.to_bits(), wanted.to_bits(), "{} in {line}", names[*column]);
         }
         assert_eq!(fields[at("sequence")], cycle.sequence.to_string());
         assert_eq!(fields[at("load")], "", "no sensor, no number");

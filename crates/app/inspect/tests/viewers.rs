@@ -93,13 +93,13 @@ fn layouts_name_channels_and_fields_that_exist() {
         ] {
             assert!(!is_there(&file, wrong), "{wrong}");
         }
-        for (layout, least) in [("foxglove.json", 16), ("plotjuggler.xml", 10)] {
+        for (layout, min) in [("foxglove.json", 16), ("plotjuggler.xml", 10)] {
             let text = std::fs::read_to_string(tools().join("viewers").join(layout)).expect("the layout");
             let names: Vec<&str> = text
                 .split('"')
                 .filter(|word| word.starts_with('/') && !word.contains('>'))
                 .collect();
-            assert!(names.len() >= least, "{layout}: {names:?}");
+            assert!(names.len() >= min, "{layout}: {names:?}");
             for name in names {
                 assert!(is_there(&file, name), "{layout}: {name}");
             }
@@ -113,10 +113,10 @@ fn foxglove_layout_shows_every_configured_panel() {
     let layout: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     let mut shown = BTreeSet::new();
     let mut open = vec![&layout["layout"]];
-    while let Some(place) = open.pop() {
-        match place.as_str() {
+    while let Some(node) = open.pop() {
+        match node.as_str() {
             Some(panel) => assert!(shown.insert(panel.to_owned()), "{panel} twice"),
-            None => open.extend([&place["first"], &place["second"]]),
+            None => open.extend([&node["first"], &node["second"]]),
         }
     }
     let set_up = layout["configById"].as_object().expect("panels");

@@ -162,13 +162,13 @@ fn a_part_is_stepped_through_as_the_caller_says() {
     let corner = Corner::new();
     let mut wanted = options(&corner, Pace::Step);
     wanted.selection.lines = 6..=u32::MAX;
-    let mut asked = Vec::new();
+    let mut received = Vec::new();
     let done = replay(
         &trace,
         &wanted,
         |record| {
-            asked.push((record.sequence, record.line));
-            if asked.len() == 4 {
+            received.push((record.sequence, record.line));
+            if received.len() == 4 {
                 ControlFlow::Break(())
             } else {
                 ControlFlow::Continue(10)
@@ -178,8 +178,8 @@ fn a_part_is_stepped_through_as_the_caller_says() {
     )
     .expect("a replay");
     assert_eq!(done.setpoints, 30);
-    assert_eq!(asked[0].1, 6, "from the line on");
-    assert_eq!(asked[1].0, asked[0].0 + 10);
+    assert_eq!(received[0].1, 6, "from the line on");
+    assert_eq!(received[1].0, received[0].0 + 10);
     wanted.selection.time_s = 1e6..=2e6;
     let nothing = replay(&trace, &wanted, |_| ControlFlow::Continue(1), || false);
     assert!(matches!(nothing, Err(ReplayError::Nothing)));

@@ -154,7 +154,7 @@ struct ProgramCheck<'a> {
     machine: MachineCheck<'a>,
     threads: ThreadCheck,
     /// Lines that the machine has rejected, to report each once: loops repeat them.
-    told: BTreeSet<(Option<Origin>, u32)>,
+    reported: BTreeSet<(Option<Origin>, u32)>,
     /// Lines with a warning, by whether it was about an assumed contact.
     warned: BTreeSet<(Option<Origin>, u32, bool)>,
     /// Axes whose position depends on a probe contact that is only assumed.
@@ -188,7 +188,7 @@ impl<'a> ProgramCheck<'a> {
             validator: MoveValidator::new(&limits),
             machine: MachineCheck::new(setup, bounds),
             threads: ThreadCheck::new(setup),
-            told: BTreeSet::new(),
+            reported: BTreeSet::new(),
             warned: BTreeSet::new(),
             assumed: [false; AXES],
             doubtful: [false; AXES],
@@ -228,12 +228,12 @@ impl<'a> ProgramCheck<'a> {
             return CheckStep::Next;
         }
         if let Some((first, refusal)) = self.threads.observe(command, self.setup)
-            && self.told.insert(place_of(&first))
+            && self.reported.insert(location_of(&first))
         {
             self.checked
                 .errors
                 .push(at_origin(&first, self.program, |file, line| {
-                    refusal.told(file, line)
+                    refusal.diagnostic(file, line)
                 }));
         }
         if let Action::Thread { curve, .. } = &command.action {
@@ -257,7 +257,7 @@ impl<'a> ProgramCheck<'a> {
             return CheckStep::Next;
         }
         if objection.is_of_travel(&self.assumed) {
-            let diagnostic = objection.told(self.program, command.line);
+            let diagnostic = objection.diagnostic(self.program, command.line);
             self.warn(
                 command,
                 format!("no contact is known: {}", diagnostic.message),
@@ -265,13 +265,13 @@ impl<'a> ProgramCheck<'a> {
             );
             return CheckStep::Next;
         }
-        if !self.told.insert(place_of(command)) {
+        if !self.reported.insert(location_of(command)) {
             return CheckStep::Next;
         }
         self.checked
             .errors
             .push(at_origin(command, self.program, |file, line| {
-                objection.told(file, line)
+                objection.diagnostic(file, line)
             }));
         self.end_if_full(command.line)
     }
@@ -286,7 +286,7 @@ impl<'a> ProgramCheck<'a> {
     }
 
     fn warn(&mut self, command: &CanonicalCommand, text: String, is_assumed: bool) {
-        let (origin, line) = place_of(command);
+        let (origin, line) = location_of(command);
         if self.warned.insert((origin, line, is_assumed)) {
             self.checked.warnings.push(Warning::of(command, text));
         }
@@ -420,7 +420,7 @@ impl<'a> ProgramCheck<'a> {
 }
 
 /// The file and line of a command. A subroutine's line is the same for every caller.
-fn place_of(command: &CanonicalCommand) -> (Option<Origin>, u32) {
+fn location_of(command: &CanonicalCommand) -> (Option<Origin>, u32) {
     match &command.origin {
         Some(origin) => (Some(origin.clone()), 0),
         None => (None, command.line),
@@ -461,13 +461,13 @@ impl Objection {
         }
     }
 
-    fn told(self, file: &Path, line: u32) -> Diagnostic {
+    fn diagnostic(self, file: &Path, line: u32) -> Diagnostic {
         match self {
             Self::Plan(error) => explain(&error, file, line),
             Self::Words(text) => about_line(text, file, line),
             Self::Tool((message, help)) => about_line_with(message, Some(help), file, line),
             Self::Turning(what) => cannot_turn(what, file, line),
-            Self::Probe(objection) => objection.told(file, line),
+            Self::Probe(objection) => objection.diagnostic(file, line),
         }
     }
 }

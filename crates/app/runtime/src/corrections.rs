@@ -8,7 +8,7 @@ use evolvent_signals::InputImage;
 
 /// Distance within which the drives count as being where they were sent, mm or degrees. The conversion from
 /// corrected to ideal and back is exact only up to rounding.
-const SAME_PLACE: f64 = 1e-9;
+const POSITION_TOLERANCE: f64 = 1e-9;
 
 /// Corrects every setpoint; exists only if the machine file describes errors of the machine.
 ///
@@ -108,7 +108,7 @@ impl Corrections {
         let mut at = self.sent.position;
         let mut is_elsewhere = false;
         for (axis, value) in positions.iter().enumerate() {
-            if is_known(axis) && (value - at[axis]).abs() > SAME_PLACE {
+            if is_known(axis) && (value - at[axis]).abs() > POSITION_TOLERANCE {
                 at[axis] = *value;
                 is_elsewhere = true;
             }

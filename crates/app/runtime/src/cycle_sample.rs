@@ -74,11 +74,11 @@ pub(crate) fn input_bits(inputs: &Inputs, motion: &PathExecutor) -> u32 {
         (inputs.hold, recorded::HOLD),
         (inputs.stop, recorded::STOP),
         (inputs.resume, recorded::RESUME),
-        (lag.failed_look.is_some(), recorded::WAITED),
+        (lag.failed_lookup.is_some(), recorded::WAITED),
         (lag.refused, recorded::REFUSED),
     ];
-    let failed_look = u32::from(lag.failed_look.unwrap_or(0)) << recorded::FAILED_LOOK_SHIFT;
+    let failed_lookup = u32::from(lag.failed_lookup.unwrap_or(0)) << recorded::FAILED_LOOKUP_SHIFT;
     bits.into_iter()
         .filter(|(set, _)| *set)
-        .fold(failed_look, |sum, (_, bit)| sum | bit)
+        .fold(failed_lookup, |sum, (_, bit)| sum | bit)
 }

@@ -206,17 +206,17 @@ fn interrupts(
     let core = isolated.or(busiest).unwrap_or(0);
     let came = after.since(before, core);
     let a_second = total(&came) as f64 / duration.as_secs_f64().max(1e-3);
-    let most: Vec<String> = came
+    let top_sources: Vec<String> = came
         .iter()
         .take(3)
         .map(|(source, count)| format!("{source}: {count}"))
         .collect();
     // An isolated core needs no advice; other cores serve the host.
     let bound = if isolated.is_some() { 10.0 } else { 1000.0 };
-    let list = if most.is_empty() {
+    let list = if top_sources.is_empty() {
         String::new()
     } else {
-        format!(" ({})", most.join(", "))
+        format!(" ({})", top_sources.join(", "))
     };
     Finding::new(
         "interrupts",

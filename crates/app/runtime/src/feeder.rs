@@ -261,7 +261,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         let mut commands = Commands::open(program, self.setup)?;
         if let Some(start) = commands.start() {
             let line = start.restart.line;
-            let text = start.told();
+            let text = start.description();
             // The operator checks the approach before the machine drives it.
             if self.act(line, &text).is_err() || self.stop(line, StopKind::Program).is_err() {
                 return Ok(None);

@@ -236,7 +236,7 @@ impl InputScript {
     }
 
     /// Returns the inputs after the next change that is due at this time (s), path (mm) and line.
-    pub fn step(&mut self, seconds: f64, place: Option<(f64, u32)>) -> Option<InputImage> {
+    pub fn step(&mut self, seconds: f64, position: Option<(f64, u32)>) -> Option<InputImage> {
         if !self.has_begun {
             (self.has_begun, self.now) = (true, self.begin);
             return Some(self.now);
@@ -245,8 +245,8 @@ impl InputScript {
             !change.done
                 && match change.when {
                     When::Seconds(at) => seconds >= at,
-                    When::Path(at) => place.is_some_and(|(path_mm, _)| path_mm >= at),
-                    When::Line(wanted) => place.is_some_and(|(_, line)| line == wanted),
+                    When::Path(at) => position.is_some_and(|(path_mm, _)| path_mm >= at),
+                    When::Line(wanted) => position.is_some_and(|(_, line)| line == wanted),
                 }
         })?;
         due.done = true;

@@ -54,7 +54,7 @@ pub struct Setup {
     /// The line at which programs begin, if not the first.
     pub start_line: Option<u32>,
     /// Position of the machine in machine coordinates; home if `None`.
-    pub place: Option<Axes>,
+    pub position: Option<Axes>,
     /// Axes that are not homed, whose position above is meaningless. A program can then only be checked, not
     /// started.
     pub unhomed: AxisMask,
@@ -110,7 +110,7 @@ impl Setup {
             period_ns,
             memory: ProgramMemory::default(),
             start_line: None,
-            place: None,
+            position: None,
             unhomed: AxisMask::NONE,
             tool: 0,
             selected_tool: None,
@@ -168,7 +168,7 @@ impl Setup {
     /// Position at which programs begin.
     #[must_use]
     pub fn start(&self) -> Axes {
-        self.place.unwrap_or(self.machine.limits().home)
+        self.position.unwrap_or(self.machine.limits().home)
     }
 
     /// The control rate.
@@ -211,7 +211,7 @@ impl Setup {
     fn features(&self) -> gcode::MachineFeatures {
         let mut unlimited = [None; AXES];
         for axis in &self.machine.axes {
-            unlimited[axis.letter.index()] = axis.unlimited.map(|way| match way {
+            unlimited[axis.letter.index()] = axis.unlimited.map(|direction| match direction {
                 RotaryWay::Shorter => gcode::RotaryWay::Shorter,
                 RotaryWay::Sign => gcode::RotaryWay::Sign,
             });

@@ -28,7 +28,7 @@ pub struct ProgramStart {
     /// Prefix of the names of attached subroutine files.
     pub subroutines: String,
     /// Position of the machine, machine coordinates.
-    pub place: Axes,
+    pub position: Axes,
     /// The tool in the spindle.
     pub tool: u32,
     /// The tool selected for the next M6; `None` in traces of versions that did not keep it.
@@ -123,7 +123,7 @@ impl fmt::Display for JobStart {
                     "; subroutines={}; place={}; tool={}; line={}; {}; feed_override={}; blocks={blocks}; \
                      actions={actions}",
                     start.subroutines,
-                    list(&start.place),
+                    list(&start.position),
                     start.tool,
                     start.start_line,
                     start.switches,
@@ -219,7 +219,7 @@ impl JobStart {
                 tools: get("tools").map(str::to_owned),
                 parameters: get("parameters").map(str::to_owned),
                 subroutines: get("subroutines")?.to_owned(),
-                place: nine("place")?,
+                position: nine("place")?,
                 tool: whole("tool")?,
                 selected_tool: whole("selected"),
                 outputs: match get("spindle") {
@@ -351,7 +351,7 @@ mod tests {
             tools: None,
             parameters: Some("job-3/parameters.var".to_owned()),
             subroutines: "job-7/subroutines/".to_owned(),
-            place: odd,
+            position: odd,
             tool: 12,
             selected_tool: Some(5),
             outputs: Some(Outputs {

@@ -85,10 +85,10 @@ impl LogFiles {
     pub(crate) fn new(folder: PathBuf) -> Self {
         let (sender, orders) = mpsc::sync_channel(MAX_WAITING);
         let failure = Arc::new(Mutex::new(None));
-        let told = Arc::clone(&failure);
+        let of_writer = Arc::clone(&failure);
         let thread = thread::Builder::new().name("log".into()).spawn(move || {
             take_turns();
-            Writer::new(folder, told).run(&orders);
+            Writer::new(folder, of_writer).run(&orders);
         });
         // Without its thread every order returns an error.
         let thread = thread.ok();
@@ -385,8 +385,8 @@ mod tests {
         std::fs::write(&file, "").unwrap();
         let mut logs = LogFiles::new(file);
         logs.act(&open("a.txt")).unwrap();
-        let told = logs.finish().unwrap_err();
-        assert!(told.contains("a.txt"), "{told}");
+        let error = logs.finish().unwrap_err();
+        assert!(error.contains("a.txt"), "{error}");
         // A folder with the name of the file is an error too, and leaves no temporary file.
         std::fs::create_dir(folder.path().join("b.txt")).unwrap();
         let mut logs = LogFiles::new(folder.path().to_path_buf());

@@ -213,12 +213,12 @@ pub(crate) fn describe(action: &Action) -> Option<String> {
             surface,
         } => {
             let speed = surface.speed_m_min;
-            let most = if surface.max_rpm.is_finite() {
+            let limit = if surface.max_rpm.is_finite() {
                 format!(", {} rpm at most", surface.max_rpm)
             } else {
                 String::new()
             };
-            turning_text(*spindle, *direction, &format!("{speed} m/min{most}"))
+            turning_text(*spindle, *direction, &format!("{speed} m/min{limit}"))
         }
         Action::OrientSpindle { spindle, degrees, .. } => {
             format!("{} to {degrees} degrees (M19)", spindle_name(*spindle))

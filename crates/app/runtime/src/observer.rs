@@ -48,7 +48,7 @@ pub(crate) struct LookingOn<'a> {
     minds_drives: bool,
     /// The note about drives that send feedback, and whether it was sent.
     of_drives: &'static str,
-    told: Option<&'static str>,
+    reported_note: Option<&'static str>,
 }
 
 impl<'a> LookingOn<'a> {
@@ -72,13 +72,13 @@ impl<'a> LookingOn<'a> {
             } else {
                 DRIVES_UNWATCHED
             },
-            told: None,
+            reported_note: None,
         }
     }
 
     /// The note about drives that send feedback, if it was sent.
-    pub(crate) fn told_of_drives(&self) -> Option<&'static str> {
-        self.told
+    pub(crate) fn drives_note(&self) -> Option<&'static str> {
+        self.reported_note
     }
 
     /// Passes events on until `finished`.
@@ -113,9 +113,9 @@ impl<'a> LookingOn<'a> {
             for error in self.failures.try_iter() {
                 observer.note(&error.to_string());
             }
-            if self.minds_drives && self.told.is_none() && self.controls.drives().is_some() {
+            if self.minds_drives && self.reported_note.is_none() && self.controls.drives().is_some() {
                 observer.note(self.of_drives);
-                self.told = Some(self.of_drives);
+                self.reported_note = Some(self.of_drives);
             }
             observer.progress(self.controls);
             if over {

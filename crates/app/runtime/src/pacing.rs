@@ -266,7 +266,7 @@ mod tests {
         let (in_time_ns, late_ns) = (3000, 3001);
         let mut lateness = LatenessCounter::new(3);
         let mut never = LatenessCounter::new(0);
-        let mut seen = Vec::new();
+        let mut verdicts = Vec::new();
         for finished_ns in [
             late_ns, late_ns, in_time_ns, late_ns, late_ns, late_ns, in_time_ns,
         ] {
@@ -274,9 +274,9 @@ mod tests {
             assert_eq!(is_late, never.count(&cycle, finished_ns));
             assert_eq!(is_late, finished_ns == late_ns);
             assert!(!never.is_too_late());
-            seen.push(lateness.is_too_late());
+            verdicts.push(lateness.is_too_late());
         }
-        assert_eq!(seen, [false, false, false, false, false, true, false]);
+        assert_eq!(verdicts, [false, false, false, false, false, true, false]);
         assert_eq!((lateness.total(), never.total()), (5, 5));
     }
 

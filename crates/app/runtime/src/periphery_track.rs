@@ -164,8 +164,8 @@ mod tests {
     /// The publisher lags: everything is recorded before the first setpoint is published.
     #[test]
     fn early_orders_wait_for_their_setpoints() {
-        let (orders, heard) = mpsc::channel();
-        let mut track = PeripheryTrack::new(4, heard);
+        let (orders, receiver) = mpsc::channel();
+        let mut track = PeripheryTrack::new(4, receiver);
         let (first, planned) = mpsc::channel();
         orders.send(PeripheryOrder::Program { job: 1, planned }).unwrap();
         first.send((0, spindle(100.0))).unwrap();

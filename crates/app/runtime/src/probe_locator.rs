@@ -36,7 +36,7 @@ struct Change {
     latched_mask: u32,
     latched: [f64; AXES],
     /// When it was reported.
-    told_ns: u64,
+    reported_ns: u64,
 }
 
 /// Positions over time, and pending changes of the probe.
@@ -99,7 +99,7 @@ impl ProbeLocator {
                 time_ns: probe.time_ns.unwrap_or(now_ns),
                 latched_mask: probe.latched_mask,
                 latched: probe.position,
-                told_ns: now_ns,
+                reported_ns: now_ns,
             });
         }
     }
@@ -138,7 +138,7 @@ impl ProbeLocator {
             &self.setpoints
         };
         let newest = samples.back()?;
-        let is_over = now_ns.saturating_sub(change.told_ns) > PATIENCE_NS;
+        let is_over = now_ns.saturating_sub(change.reported_ns) > PATIENCE_NS;
         if newest.time_ns < change.time_ns && !is_over {
             return None;
         }
@@ -168,9 +168,9 @@ fn interpolate(samples: &VecDeque<Sample>, time_ns: u64) -> Option<[f64; AXES]> 
         return Some(right.position);
     }
     let left = samples.get(after.checked_sub(1)?)?;
-    let share = (time_ns - left.time_ns) as f64 / (right.time_ns - left.time_ns) as f64;
+    let fraction = (time_ns - left.time_ns) as f64 / (right.time_ns - left.time_ns) as f64;
     Some(std::array::from_fn(|axis| {
-        left.position[axis] + share * (right.position[axis] - left.position[axis])
+        left.position[axis] + fraction * (right.position[axis] - left.position[axis])
     }))
 }
 

@@ -21,7 +21,7 @@ pub(crate) enum ProbeObjection {
 }
 
 impl ProbeObjection {
-    pub(crate) fn told(self, file: &Path, line: u32) -> Diagnostic {
+    pub(crate) fn diagnostic(self, file: &Path, line: u32) -> Diagnostic {
         match self {
             Self::Words(message, help) => about_line_with(message, Some(help), file, line),
             Self::Travel(error) => explain(&error, file, line),
@@ -55,12 +55,12 @@ pub(crate) fn objection(order: &ProbeMove, setup: &Setup) -> Option<ProbeObjecti
     let feed = order.feed_mm_s;
     let delay_s = lead_s(setup) + NOTICE_S;
     let distance = order.stopping_distance(&limits) + feed * delay_s;
-    let most = probe.overtravel_mm?;
-    (order.toward && distance > most).then(|| {
+    let max_overtravel = probe.overtravel_mm?;
+    (order.toward && distance > max_overtravel).then(|| {
         ProbeObjection::Words(
             format!(
                 "G38 at {:.1} mm/min continues for up to {distance:.3} mm after contact ({:.1} ms until it \
-                 is detected, then the stop), but probe.overtravel_mm is {most}",
+                 is detected, then the stop), but probe.overtravel_mm is {max_overtravel}",
                 feed * 60.0,
                 delay_s * 1e3
             ),
@@ -76,12 +76,12 @@ pub(crate) fn probing(order: ProbeMove, setup: &Setup) -> Probing {
 
 /// The error and its remedy; `None` if the program continues.
 pub(crate) fn complaint(result: &ProbeResult, toward: bool, must: bool) -> Option<(String, String)> {
-    let way = if toward { "contact" } else { "loss of contact" };
+    let event = if toward { "contact" } else { "loss of contact" };
     let (message, help) = match result.verdict {
         ProbeVerdict::Contact | ProbeVerdict::Imagined => return None,
         ProbeVerdict::NoContact if !must => return None,
         ProbeVerdict::NoContact => (
-            format!("the probe has reached the end of the move without {way}"),
+            format!("the probe has reached the end of the move without {event}"),
             format!(
                 "move the end of the move farther, check probe and wiring, or write {} and check #5070",
                 if toward { "G38.3" } else { "G38.5" }

@@ -98,7 +98,7 @@ impl ProgramCopy {
     }
 
     /// The copy, or the reason why there is none; `None` while data still arrives.
-    pub(crate) fn look(&self) -> Option<std::result::Result<Arc<File>, String>> {
+    pub(crate) fn poll(&self) -> Option<std::result::Result<Arc<File>, String>> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if let State::Copying(since) = &*state
             && since.elapsed() > FILE_TIMEOUT
@@ -149,7 +149,7 @@ mod tests {
 
     fn wait(copy: &ProgramCopy) -> std::result::Result<Arc<File>, String> {
         loop {
-            if let Some(found) = copy.look() {
+            if let Some(found) = copy.poll() {
                 return found;
             }
             thread::sleep(Duration::from_millis(1));
@@ -183,11 +183,11 @@ mod tests {
             }
         };
         let copy = ProgramCopy::begin_from(Path::new("hangs"), folder.path(), hangs);
-        assert!(copy.look().is_none());
+        assert!(copy.poll().is_none());
         copy.set(State::Copying(
             Instant::now().checked_sub(2 * FILE_TIMEOUT).unwrap(),
         ));
-        assert!(copy.look().unwrap().unwrap_err().contains("no reply"));
+        assert!(copy.poll().unwrap().unwrap_err().contains("no reply"));
         let pipe = folder.path().join("pipe");
         assert!(
             std::process::Command::new("mkfifo")

@@ -9,7 +9,7 @@ use evolvent_motion::{Inputs, MotionState, PathExecutor, PlanConsumer, Setpoint,
 use evolvent_path::Jet;
 use evolvent_trace::inputs as recorded;
 use evolvent_turning::{
-    AdaptiveFeed, AdaptiveStop, CutNow, LoadSample, Reason, SimulatedProcess, TurningOutput,
+    AdaptiveFeed, AdaptiveStop, CutState, LoadSample, Reason, SimulatedProcess, TurningOutput,
 };
 use rtrb::Consumer;
 
@@ -26,13 +26,13 @@ use crate::turning_tally::TurningTally;
 
 /// One cycle, for observers.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct ObservedCycle<'a> {
     /// The setpoint.
     pub setpoint: &'a Setpoint,
     /// Output of a turning cycle, if one moves the axes.
     pub turning: Option<&'a TurningOutput>,
     /// The material that the simulated workpiece lost, if there is one.
-    pub cut: Option<CutNow>,
+    pub cut: Option<CutState>,
 }
 
 /// The program and inputs of a run; built before it starts.
@@ -124,7 +124,7 @@ impl ProgramState {
     }
 }
 
-impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
+impl<F: FnMut(&ObservedCycle<'_>)> SetpointSource for ProgramCycle<F> {
     fn await_plan(&mut self) {
         let (motion, queue, controls) = (&self.motion, &mut self.queue, &self.controls);
         wait_until(|| motion.is_ready(queue) || (controls.is_stopping() && motion.is_at_rest()));
@@ -198,14 +198,14 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
         });
         let turning = turning_output(&self.motion);
         self.now.turning.observe(turning, cut.as_ref());
-        (self.observe)(&Seen {
+        (self.observe)(&ObservedCycle {
             setpoint,
             turning,
             cut,
         });
-        let stands = setpoint.state == MotionState::ProgramStop;
+        let is_at_stop = setpoint.state == MotionState::ProgramStop;
         let next = self.commands.as_ref().and_then(|commands| commands.peek().ok());
-        let at_command = stands && next.is_some_and(|action| action + 1 == setpoint.actions);
+        let at_command = is_at_stop && next.is_some_and(|action| action + 1 == setpoint.actions);
         let at_wait = self.signals.as_ref().is_some_and(SignalLoop::is_waiting);
         self.controls.set_at_command(at_command || at_wait);
         self.controls.publish(setpoint);
@@ -468,7 +468,7 @@ mod tests {
             standby: Standby::new(false, 1_000_000),
             adaptive: None,
             rundown: SpindleRundown::NONE,
-            observe: |_: &Seen<'_>| {},
+            observe: |_: &ObservedCycle<'_>| {},
             now: ProgramState::new(TurningTally::new(0.0, 1_000_000)),
         };
         let (sender, receiver) = mpsc::channel();

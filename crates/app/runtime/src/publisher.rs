@@ -103,7 +103,7 @@ impl<S: StatusSource> Publisher<S> {
                 self.publish(&mut bus, &mut report, &due);
             }
             self.take_in(&mut bus, &mut report);
-            self.tell(&mut bus, &report, S::look);
+            self.tell(&mut bus, &report, S::poll);
             let now_ns = MonotonicClock::now_ns();
             if now_ns >= next_refresh_ns || is_over {
                 next_refresh_ns = now_ns + REFRESH_EVERY_NS;

@@ -68,10 +68,10 @@ pub struct Recomputed {
 
 /// Waits for the planner, which may need all cores.
 pub(crate) fn wait_for_planner(mut ready: impl FnMut() -> bool) {
-    let mut looks = 0;
+    let mut polls = 0;
     while !ready() {
-        looks += 1;
-        if looks < LOOKS {
+        polls += 1;
+        if polls < LOOKS {
             std::hint::spin_loop();
         } else {
             thread::sleep(PATIENCE);

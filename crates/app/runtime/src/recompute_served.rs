@@ -36,7 +36,7 @@ pub enum ServedError {
     Transfer(#[from] TransferError),
     /// The job does not begin where the axes are.
     #[error("the job does not begin where the axes were")]
-    Place,
+    Position,
 }
 
 /// The source of motion in a cycle.
@@ -71,7 +71,7 @@ enum ActiveJob {
 
 /// A served machine, recomputed setpoint by setpoint.
 pub struct ServedAgain {
-    station: SetpointGenerator,
+    generator: SetpointGenerator,
     limits: Limits,
     period_ns: u64,
     work: ActiveJob,
@@ -92,7 +92,7 @@ impl ServedAgain {
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64) -> Self {
         Self {
-            station: SetpointGenerator::new(limits, period_ns, limits.home),
+            generator: SetpointGenerator::new(limits, period_ns, limits.home),
             limits,
             period_ns,
             work: ActiveJob::None,
@@ -144,7 +144,7 @@ impl ServedAgain {
     /// Number of the next setpoint.
     #[must_use]
     pub fn sequence(&self) -> u64 {
-        self.station.sequence()
+        self.generator.sequence()
     }
 
     /// Whether a job is in progress.
@@ -156,34 +156,34 @@ impl ServedAgain {
     /// Whether the axes are at rest.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        !self.is_at_work() && self.station.is_at_rest()
+        !self.is_at_work() && self.generator.is_at_rest()
     }
 
     /// Gives the axes these coordinates from here on, with this travel.
     pub fn relocate(&mut self, travel: (Axes, Axes), position: Axes) {
         let limits = self.within(travel);
-        if self.station.position() != position
+        if self.generator.position() != position
             && let Some(corrections) = &mut self.corrections
         {
             corrections.relocate(&position);
         }
-        self.station.relocate(limits, position);
+        self.generator.relocate(limits, position);
     }
 
     /// Sets the travel of the next job. No effect unless the axes are at rest.
     pub fn begin_within(&mut self, travel: (Axes, Axes)) {
         if self.is_at_rest() {
             let limits = self.within(travel);
-            self.station.relocate(limits, self.station.position());
+            self.generator.relocate(limits, self.generator.position());
         }
     }
 
     /// Continues at rest at another position; what happened in between is unknown.
-    pub fn place_at(&mut self, travel: (Axes, Axes), sequence: u64, position: Axes, path_mm: f64) {
+    pub fn restart_at(&mut self, travel: (Axes, Axes), sequence: u64, position: Axes, path_mm: f64) {
         self.end_work();
         (self.corrections, self.corrected) = (None, None);
         let limits = self.within(travel);
-        self.station.place_at(limits, sequence, position, path_mm);
+        self.generator.restart_at(limits, sequence, position, path_mm);
     }
 
     fn within(&self, (travel_min, travel_max): (Axes, Axes)) -> Limits {
@@ -229,8 +229,8 @@ impl ServedAgain {
             }
             std::thread::sleep(POLL_INTERVAL);
         };
-        if !self.station.attach(&mut job.motion) {
-            return Err(ServedError::Place);
+        if !self.generator.attach(&mut job.motion) {
+            return Err(ServedError::Position);
         }
         if let (Some(signals), Some(schedule)) = (&mut self.signals, job.schedule.take()) {
             signals.begin_program(schedule, job.first_block);
@@ -251,14 +251,14 @@ impl ServedAgain {
         }
         match &mut self.work {
             ActiveJob::TransferExecutor(present) if start.is_turn => {
-                if !self.station.turn(present, &steering) {
-                    return Err(ServedError::Place);
+                if !self.generator.turn(present, &steering) {
+                    return Err(ServedError::Position);
                 }
             }
             _ => {
                 self.end_work();
-                if start.is_turn || !self.station.can_steer(&steering) {
-                    return Err(ServedError::Place);
+                if start.is_turn || !self.generator.can_steer(&steering) {
+                    return Err(ServedError::Position);
                 }
                 self.work = ActiveJob::TransferExecutor(Box::new(steering));
             }
@@ -270,12 +270,16 @@ impl ServedAgain {
     fn steer_away(&mut self, steering: TransferExecutor, is_turn: bool) -> Result<(), ServedError> {
         let mut excursion = self.begin_excursion()?;
         let counts = if is_turn {
-            excursion.turn(&self.station, &steering)
+            excursion.turn(&self.generator, &steering)
         } else {
-            excursion.steer(&self.station, Box::new(steering)).is_ok()
+            excursion.steer(&self.generator, Box::new(steering)).is_ok()
         };
         self.excursion = Some(excursion);
-        if counts { Ok(()) } else { Err(ServedError::Place) }
+        if counts {
+            Ok(())
+        } else {
+            Err(ServedError::Position)
+        }
     }
 
     /// Starts a motion along the driven path of the held program with the next setpoint: backwards by `back`
@@ -285,24 +289,28 @@ impl ServedAgain {
     /// [`ServedError`].
     pub fn retrace(&mut self, back: u32) -> Result<(), ServedError> {
         let mut excursion = self.begin_excursion()?;
-        let counts = excursion.retrace(&self.station, &mut self.driven, &self.limits, back);
+        let counts = excursion.retrace(&self.generator, &mut self.driven, &self.limits, back);
         self.excursion = Some(excursion);
-        if counts { Ok(()) } else { Err(ServedError::Place) }
+        if counts {
+            Ok(())
+        } else {
+            Err(ServedError::Position)
+        }
     }
 
     /// Takes the present excursion, or begins one.
     fn begin_excursion(&mut self) -> Result<Excursion, ServedError> {
         match (self.excursion.take(), &self.work) {
             (Some(excursion), _) => Ok(excursion),
-            (None, ActiveJob::Plan { job, .. }) => Excursion::begin(&job.motion).ok_or(ServedError::Place),
-            _ => Err(ServedError::Place),
+            (None, ActiveJob::Plan { job, .. }) => Excursion::begin(&job.motion).ok_or(ServedError::Position),
+            _ => Err(ServedError::Position),
         }
     }
 
     /// Computes the next setpoint; `feed_override` is the one that it shows if nothing follows a plan. `None`
     /// if the source of motion is unknown here.
     pub fn step(&mut self, moved: &Moved, feed_override: f64) -> Option<Setpoint> {
-        let sequence = self.station.sequence();
+        let sequence = self.generator.sequence();
         if let Some(signals) = &mut self.signals {
             signals.apply_inputs(sequence);
             if !matches!(moved, Moved::ByPlan(_) | Moved::Away { .. }) {
@@ -326,17 +334,17 @@ impl ServedAgain {
     fn move_axes(&mut self, moved: &Moved, feed_override: f64) -> Option<Setpoint> {
         match (moved, &mut self.work) {
             (Moved::ByNothing(state), work) => {
-                if !matches!(work, ActiveJob::None) || !self.station.is_at_rest() {
+                if !matches!(work, ActiveJob::None) || !self.generator.is_at_rest() {
                     // No effect if the axes are already stopping on their own.
-                    self.station.emergency();
+                    self.generator.emergency();
                     self.end_work();
                 }
-                self.station.set_override(feed_override);
-                Some(self.station.rest(*state))
+                self.generator.set_override(feed_override);
+                Some(self.generator.rest(*state))
             }
             (Moved::ByPlan(recorded), ActiveJob::Plan { job, .. }) => {
                 let setpoint = follow(job, recorded, self.signals.as_mut());
-                self.station.follow(&job.motion, &setpoint);
+                self.generator.follow(&job.motion, &setpoint);
                 let is_over = job.motion.is_over() || job.motion.is_stuck(&mut job.queue);
                 let mut shown = setpoint;
                 if shown.state == MotionState::Done && job.flags.has_failed() {
@@ -357,10 +365,10 @@ impl ServedAgain {
                 if *stop {
                     steering.stop();
                 }
-                self.station.set_override(feed_override);
-                let setpoint = self.station.steer(steering);
+                self.generator.set_override(feed_override);
+                let setpoint = self.generator.steer(steering);
                 if matches!(setpoint.state, MotionState::Done | MotionState::Stopped)
-                    || self.station.is_quick_stopping()
+                    || self.generator.is_quick_stopping()
                 {
                     self.finish();
                 }
@@ -380,7 +388,7 @@ impl ServedAgain {
             excursion.stop();
         }
         let plan = follow(job, recorded, self.signals.as_mut());
-        let (setpoint, ended) = excursion.step(&mut self.station, &mut self.driven, &plan);
+        let (setpoint, ended) = excursion.step(&mut self.generator, &mut self.driven, &plan);
         if ended.is_some() {
             drop(excursion.take_spent());
         }
@@ -389,7 +397,7 @@ impl ServedAgain {
         }
         if job.motion.is_over() || ended == Some(ExcursionEnd::Fault) {
             self.finish();
-        } else if !excursion.give_back(&self.station, &mut job.motion) {
+        } else if !excursion.give_back(&self.generator, &mut job.motion) {
             self.excursion = Some(excursion);
         }
         Some(setpoint)
@@ -397,8 +405,8 @@ impl ServedAgain {
 
     fn finish(&mut self) {
         self.end_work();
-        if !self.station.is_quick_stopping() {
-            self.station.end();
+        if !self.generator.is_quick_stopping() {
+            self.generator.end();
         }
     }
 

@@ -263,17 +263,17 @@ impl LowLatencyHold {
 /// # Errors
 /// The error of the operating system.
 pub(crate) fn file_system_bytes(path: &core::ffi::CStr) -> std::io::Result<(u64, u64)> {
-    let mut facts = core::mem::MaybeUninit::<libc::statvfs>::zeroed();
+    let mut stats = core::mem::MaybeUninit::<libc::statvfs>::zeroed();
     // SAFETY: the path ends with a zero byte, and the pointer is to memory for the whole struct.
-    let result = unsafe { libc::statvfs(path.as_ptr(), facts.as_mut_ptr()) };
+    let result = unsafe { libc::statvfs(path.as_ptr(), stats.as_mut_ptr()) };
     if result != 0 {
         return Err(std::io::Error::last_os_error());
     }
     // SAFETY: the struct is plain numbers and was zeroed, then filled by the call.
-    let facts = unsafe { facts.assume_init() };
+    let stats = unsafe { stats.assume_init() };
     Ok((
-        facts.f_bavail.saturating_mul(facts.f_frsize),
-        facts.f_blocks.saturating_mul(facts.f_frsize),
+        stats.f_bavail.saturating_mul(stats.f_frsize),
+        stats.f_blocks.saturating_mul(stats.f_frsize),
     ))
 }
 

@@ -15,7 +15,7 @@ use crate::feeder::FeedReport;
 use crate::job::{Clock, Job};
 use crate::memory::ProgramMemory;
 use crate::observer::{LookingOn, RunObserver};
-use crate::program_cycle::Seen;
+use crate::program_cycle::ObservedCycle;
 use crate::publish_report::PublishReport;
 use crate::queues::{optional_ring, queue_length};
 use crate::recording::{Closing, RecordReport, RecorderLines};
@@ -68,18 +68,18 @@ pub fn run(
     observer: &mut dyn RunObserver,
     mut observe: impl FnMut(&Setpoint) + Send,
 ) -> Result<RunOutcome, StartError> {
-    run_seen(job, controls, observer, |seen| observe(seen.setpoint))
+    run_observed(job, controls, observer, |cycle| observe(cycle.setpoint))
 }
 
 /// Like [`run`]; `observe` also receives turning cycles and the simulated workpiece.
 ///
 /// # Errors
 /// The run could not be started; nothing has moved.
-pub fn run_seen(
+pub fn run_observed(
     job: &Job,
     controls: &Arc<Controls>,
     observer: &mut dyn RunObserver,
-    observe: impl FnMut(&Seen<'_>) + Send,
+    observe: impl FnMut(&ObservedCycle<'_>) + Send,
 ) -> Result<RunOutcome, StartError> {
     refuse_what_cannot_run(job)?;
     let setup = &job.setup;
@@ -155,7 +155,7 @@ pub fn run_seen(
         };
         // Events that the other threads sent at their end.
         looking_on.until(observer, || true);
-        notes.extend(looking_on.told_of_drives().map(str::to_owned));
+        notes.extend(looking_on.drives_note().map(str::to_owned));
         let (mut outcome, alarm) = ended.sum_up(job, observer, notes);
         if let Some(recorder) = recorder {
             let _gone = recorded.closing.send(Closing {

@@ -136,7 +136,7 @@ impl StatusSource for RunStatus {
         }
     }
 
-    fn look(&mut self, _: &mut StatusPort<'_>) {}
+    fn poll(&mut self, _: &mut StatusPort<'_>) {}
 
     fn refresh(&mut self, port: &mut StatusPort<'_>) {
         self.show_speed(port.periphery);

@@ -24,7 +24,7 @@ use crate::news::FeederEvent;
 use crate::observer::RunObserver;
 use crate::periphery::Periphery;
 use crate::periphery_track::{PeripheryOrder, PeripheryTrack};
-use crate::program_cycle::{ProgramCycle, ProgramState, Seen};
+use crate::program_cycle::{ObservedCycle, ProgramCycle, ProgramState};
 use crate::publish_report::PublishReport;
 use crate::publisher::Publisher;
 use crate::publishing::Publishing;
@@ -262,7 +262,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
     ///
     /// # Errors
     /// The thread cannot be started.
-    pub(crate) fn start_cycle<F: FnMut(&Seen<'_>) + Send + 'scope>(
+    pub(crate) fn start_cycle<F: FnMut(&ObservedCycle<'_>) + Send + 'scope>(
         &mut self,
         ends: CycleEnds,
         observe: F,

@@ -170,14 +170,14 @@ impl SignalChange {
         } else {
             settings.input(kind, number).map(|input| &input.name)
         };
-        let way = if self.is_output { "output" } else { "input" };
+        let direction = if self.is_output { "output" } else { "input" };
         let name = name.map_or_else(|| number.to_string(), Clone::clone);
         match (kind, self.value) {
-            (_, None) => format!("{way} {name} unknown"),
+            (_, None) => format!("{direction} {name} unknown"),
             (SignalKind::Digital, Some(value)) => {
-                format!("{way} {name} {}", if value == 0.0 { "off" } else { "on" })
+                format!("{direction} {name} {}", if value == 0.0 { "off" } else { "on" })
             }
-            (_, Some(value)) => format!("{way} {name} {value}"),
+            (_, Some(value)) => format!("{direction} {name} {value}"),
         }
     }
 }

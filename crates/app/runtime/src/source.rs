@@ -38,8 +38,8 @@ fn output_text(action: &Action, machine: &Machine) -> Option<String> {
     };
     match *action {
         Action::Output { index, on, .. } => {
-            let way = if on { "on" } else { "off" };
-            Some(format!("{} {way}", name(SignalKind::Digital, index)))
+            let setting = if on { "on" } else { "off" };
+            Some(format!("{} {setting}", name(SignalKind::Digital, index)))
         }
         Action::AnalogOutput { index, value, .. } => {
             Some(format!("{} {value}", name(SignalKind::Analog, index)))
@@ -59,7 +59,9 @@ pub struct Commands {
 
 /// Reads a program with a buffer no larger than needed: blocks of MDI are many and short.
 pub(crate) fn reader_of(file: File) -> BufReader<File> {
-    let bytes = file.metadata().map_or(MAX_READ_AHEAD, |facts| facts.len() + 1);
+    let bytes = file
+        .metadata()
+        .map_or(MAX_READ_AHEAD, |metadata| metadata.len() + 1);
     BufReader::with_capacity(bytes.min(MAX_READ_AHEAD) as usize, file)
 }
 
@@ -183,8 +185,8 @@ impl Commands {
     }
 
     /// Sets the result of a probing move before the next command is read.
-    pub(crate) fn answer_probe(&mut self, contact: &Axes, stands_at: &Axes, tripped: bool) {
-        let _is_position = self.interpreter.answer_probe(contact, stands_at, tripped);
+    pub(crate) fn answer_probe(&mut self, contact: &Axes, stop_position: &Axes, tripped: bool) {
+        let _is_position = self.interpreter.answer_probe(contact, stop_position, tripped);
     }
 
     /// The last contact of the probe, in program coordinates and units: #5061 to #5069.
@@ -267,11 +269,11 @@ impl Iterator for Commands {
 impl Start {
     /// What the operator must know before the machine moves, in several lines.
     #[must_use]
-    pub fn told(&self) -> String {
+    pub fn description(&self) -> String {
         use std::fmt::Write as _;
         let restart = &self.restart;
         let mut text = format!("starting at line {}, as after: {}", restart.line, restart.modes);
-        let place = AxisLetter::ALL
+        let position = AxisLetter::ALL
             .iter()
             .filter(|axis| restart.position[axis.index()] != 0.0)
             .map(|axis| format!("{}{:.4}", axis.letter(), restart.position[axis.index()]))
@@ -280,10 +282,10 @@ impl Start {
         let _ = write!(
             text,
             "\n  the tool is assumed at {} (machine coordinates)",
-            if place.is_empty() {
+            if position.is_empty() {
                 "zero".to_owned()
             } else {
-                place.join(" ")
+                position.join(" ")
             }
         );
         if !self.outputs.is_empty() {
@@ -325,10 +327,10 @@ mod tests {
         let mut setup = Setup::new(machine, file, String::new(), None).unwrap();
         setup.start_line = Some(7);
         let commands = Commands::open(&program, &setup).unwrap();
-        let told = commands.start().unwrap().told();
+        let description = commands.start().unwrap().description();
         assert!(
-            told.contains("outputs before the approach: drawbar off, air on, laser 2.5\n"),
-            "{told}"
+            description.contains("outputs before the approach: drawbar off, air on, laser 2.5\n"),
+            "{description}"
         );
     }
 
@@ -364,13 +366,13 @@ mod tests {
         let mut setup = Setup::new(machine, file, String::new(), None).unwrap();
         setup.block_delete = true;
         let mut commands = Commands::open(&program, &setup).unwrap();
-        let mut places = Vec::new();
+        let mut positions = Vec::new();
         while let Some(command) = commands.next() {
             if let Action::Move(motion) = command.unwrap().action {
-                places.push(motion.curve.end()[0]);
-                commands.set_block_delete(places.len() != 2);
+                positions.push(motion.curve.end()[0]);
+                commands.set_block_delete(positions.len() != 2);
             }
         }
-        assert_eq!(places, [1.0, 3.0, 4.0, 5.0]);
+        assert_eq!(positions, [1.0, 3.0, 4.0, 5.0]);
     }
 }

@@ -214,7 +214,7 @@ mod tests {
             rpm: [0.0; SPINDLES],
             ramps: [None; SPINDLES],
         };
-        let (mut told, mut before) = (0, 0.0);
+        let (mut changes, mut before) = (0, 0.0);
         for k in 0..=50_000 {
             let x_mm = 50.0 - 0.001 * f64::from(k);
             command.follow(&outputs, x_mm, &[1.0; SPINDLES], false);
@@ -224,11 +224,11 @@ mod tests {
                 "{} at {x_mm}",
                 command.now()[1].rpm
             );
-            told += u32::from(command.now()[1].rpm != before);
+            changes += u32::from(command.now()[1].rpm != before);
             before = command.now()[1].rpm;
         }
         // ln(3000 / 318.3) / 0.001, and no more close to the centre.
-        assert!((1800..2400).contains(&told), "{told}");
+        assert!((1800..2400).contains(&changes), "{changes}");
         assert!((command.now()[1].rpm / 3000.0 - 1.0).abs() < 0.0011);
         command.follow(&outputs, 50.0, &[1.0, 0.5, 1.0, 1.0], true);
         assert!((command.now()[1].rpm - 159.155).abs() < 0.001);

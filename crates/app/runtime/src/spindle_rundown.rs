@@ -128,8 +128,8 @@ mod tests {
         let mut setpoint = last(100, state);
         while rundown.follow(&mut setpoint, &controls, false) {
             assert_eq!(setpoint.flags & flags::LAST, 0);
-            let told = setpoint.sequence.saturating_sub(lag);
-            controls.report_ramps(told, told < turns_until);
+            let reported_sequence = setpoint.sequence.saturating_sub(lag);
+            controls.report_ramps(reported_sequence, reported_sequence < turns_until);
             setpoint = rest_after(&setpoint);
         }
         assert_eq!(setpoint.flags, flags::LAST);

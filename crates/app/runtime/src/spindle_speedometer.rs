@@ -13,19 +13,19 @@ const MIN_CHANGE: f64 = 0.005;
 pub(crate) struct Speedometer {
     /// Number and time of the newest sample, and the filtered speed, rpm.
     newest: Option<(u64, u64, f64)>,
-    told_rpm: Option<f64>,
+    reported_rpm: Option<f64>,
 }
 
 impl Speedometer {
     /// The commanded speed of a ramp, rpm, not negative, in the same steps, and exact at its end.
     /// `is_passing`: the ramp has not ended.
     pub(crate) fn commanded_rpm(&mut self, rpm: f64, is_passing: bool) -> f64 {
-        let told = self
-            .told_rpm
-            .filter(|told| is_passing && rpm > 0.0 && (rpm - told).abs() <= (MIN_CHANGE * told).max(1.0));
-        let told = told.unwrap_or(rpm);
-        self.told_rpm = Some(told);
-        told
+        let reported = self.reported_rpm.filter(|reported| {
+            is_passing && rpm > 0.0 && (rpm - reported).abs() <= (MIN_CHANGE * reported).max(1.0)
+        });
+        let reported = reported.unwrap_or(rpm);
+        self.reported_rpm = Some(reported);
+        reported
     }
 
     /// The reported speed, rpm, never negative; `None` if it is not measured. `known` is the newest sample,
@@ -45,18 +45,19 @@ impl Speedometer {
             None => rpm,
         };
         self.newest = Some((sample.sequence, sample.time_ns, filtered));
-        let stays = self.told_rpm.is_some_and(|told| {
-            let stands = rpm == 0.0 && filtered < 1.0;
-            (filtered - told).abs() <= (MIN_CHANGE * told).max(1.0) && (!stands || told == 0.0)
+        let stays = self.reported_rpm.is_some_and(|reported| {
+            let has_stopped = rpm == 0.0 && filtered < 1.0;
+            (filtered - reported).abs() <= (MIN_CHANGE * reported).max(1.0)
+                && (!has_stopped || reported == 0.0)
         });
         if !stays {
-            self.told_rpm = Some(if rpm == 0.0 && filtered < 1.0 {
+            self.reported_rpm = Some(if rpm == 0.0 && filtered < 1.0 {
                 0.0
             } else {
                 filtered
             });
         }
-        self.told_rpm
+        self.reported_rpm
     }
 }
 
@@ -76,16 +77,16 @@ mod tests {
     #[test]
     fn the_speedometer_hides_ripple_and_follows_changes() {
         let mut meter = Speedometer::default();
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for k in 1..=1000_u32 {
             // 2 % of ripple, three times a turn.
             let ripple = (std::f64::consts::TAU * 3.0 * 1500.0 / 60.0 * f64::from(k) * 1e-3).sin();
             let rpm = meter.rpm(Some(&sample(k.into(), -1500.0 * (1.0 + 0.02 * ripple))));
-            told.push(rpm.unwrap());
+            reported.push(rpm.unwrap());
         }
-        told.dedup();
-        assert!(told.len() <= 4, "{told:?}");
-        assert!((told[told.len() - 1] / 1500.0 - 1.0).abs() < 0.01);
+        reported.dedup();
+        assert!(reported.len() <= 4, "{reported:?}");
+        assert!((reported[reported.len() - 1] / 1500.0 - 1.0).abs() < 0.01);
         // A step to 1000 rpm: after three time constants 5 % of it are left.
         let mut rpm = 0.0;
         for k in 1001..=1090 {

@@ -51,7 +51,7 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
         let limits = setup.path_limits();
         let pacer = TimingStage::new(&limits, &rules, Tally::new(sink));
         let (lots, path) = sync_channel(LOTS);
-        let (teller, told) = channel();
+        let (teller, events) = channel();
         let failed_at = Arc::new(OnceLock::new());
         let telling = Arc::clone(&failed_at);
         let thread = thread::Builder::new()
@@ -61,7 +61,7 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
             validator: MoveValidator::new(limits.axes()),
             shaper: PathStage::new(&limits, rules),
             lots: Some(lots),
-            told,
+            events,
             failed_at,
             thread: Some(thread),
             finished: VecDeque::new(),
@@ -163,7 +163,7 @@ pub(crate) struct TwoThreadPlanner {
     shaper: PathStage,
     /// The path of each move; `None` once the path has ended.
     lots: Option<SyncSender<Vec<PathItem>>>,
-    told: Receiver<TimingStageEvent>,
+    events: Receiver<TimingStageEvent>,
     /// The line from which no motion was found.
     failed_at: Arc<OnceLock<u32>>,
     /// Returns the seconds that it has planned.
@@ -200,14 +200,14 @@ impl TwoThreadPlanner {
         let sent = self.rest(Step::End { line });
         // The other thread has planned everything, or has ended, once its channel is closed.
         self.lots = None;
-        while let Ok(TimingStageEvent::Block(block)) = self.told.recv() {
+        while let Ok(TimingStageEvent::Block(block)) = self.events.recv() {
             self.finished.push_back(block);
         }
         sent
     }
 
     fn listen(&mut self) {
-        while let Ok(TimingStageEvent::Block(block)) = self.told.try_recv() {
+        while let Ok(TimingStageEvent::Block(block)) = self.events.try_recv() {
             self.finished.push_back(block);
         }
     }
@@ -389,7 +389,7 @@ mod tests {
     #[test]
     fn a_consumer_that_has_gone_ends_both_threads() {
         let mut planner = Stages::two(&setup(), 1.0, Leaving(100)).expect("a thread");
-        let (teller, told) = channel();
+        let (teller, events) = channel();
         // On a separate thread: a planner that never ends would not fail the test.
         thread::spawn(move || {
             let ended = (0..100_000).find_map(|k| planner.push(&corner(k), k + 1, k).err());
@@ -397,7 +397,7 @@ mod tests {
             planner.serve_until_closed();
             let _gone = teller.send((ended, finished));
         });
-        let ends = told.recv_timeout(Duration::from_secs(120));
+        let ends = events.recv_timeout(Duration::from_secs(120));
         let (ended, finished) = ends.expect("an end of both threads");
         assert_eq!(ended, Some(PlanError::Sink(QueueClosed)));
         assert_eq!(finished, Err(QueueClosed));

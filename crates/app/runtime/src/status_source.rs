@@ -29,7 +29,7 @@ pub(crate) trait StatusSource {
     fn receive(&mut self, feedback: &Feedback);
 
     /// Called on every poll of the queues.
-    fn look(&mut self, port: &mut StatusPort<'_>);
+    fn poll(&mut self, port: &mut StatusPort<'_>);
 
     /// Called periodically, and at the end.
     fn refresh(&mut self, port: &mut StatusPort<'_>);

@@ -96,8 +96,8 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         self.sink.leave_open(from);
     }
 
-    fn keep_place(&mut self) -> Result<(), S::Error> {
-        self.sink.keep_place()
+    fn reserve_link(&mut self) -> Result<(), S::Error> {
+        self.sink.reserve_link()
     }
 
     fn link(&mut self, from: u64, to: u64) -> bool {

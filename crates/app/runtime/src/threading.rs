@@ -136,13 +136,13 @@ impl ThreadChain {
                 "threads follow the angle of the spindle, and the machine file has no spindle {number} with \
                  feedback"
             );
-            let place = if number == 0 {
+            let number_key = if number == 0 {
                 String::new()
             } else {
                 format!("number = {number} and ")
             };
             let help = format!(
-                "add [[spindle]] with {place}feedback = true to the machine file; a bridge reports the angle \
+                "add [[spindle]] with {number_key}feedback = true to the machine file; a bridge reports the angle \
                  on the bus"
             );
             return Err(ThreadRefusal::Words(message, help));
@@ -224,7 +224,7 @@ pub(crate) enum ThreadRefusal {
 }
 
 impl ThreadRefusal {
-    pub(crate) fn told(self, file: &Path, line: u32) -> Diagnostic {
+    pub(crate) fn diagnostic(self, file: &Path, line: u32) -> Diagnostic {
         match self {
             Self::Words(message, help) => about_line_with(message, Some(help), file, line),
             Self::Travel(error) => explain(&error, file, line),
@@ -331,10 +331,10 @@ pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, Stri
 mod tests {
     use super::*;
 
-    fn told(verdict: ThreadVerdict, worst_mm: f64, is_clear: bool) -> (String, String) {
+    fn diagnostic(verdict: ThreadVerdict, worst_mm: f64, is_clear: bool) -> (String, String) {
         let result = ThreadResult {
             verdict,
-            stands_at: Axes::zeros(),
+            stop_position: Axes::zeros(),
             is_clear,
             worst_mm,
         };
@@ -344,20 +344,20 @@ mod tests {
     #[test]
     fn a_stalled_pass_advises_by_the_tool_position() {
         // G33: the axes have stopped in the thread.
-        let (_, help) = told(ThreadVerdict::Stalled, 0.01, false);
+        let (_, help) = diagnostic(ThreadVerdict::Stalled, 0.01, false);
         assert!(help.starts_with("retract the tool"), "{help}");
         assert!(help.contains("depth of the cut"), "{help}");
         assert!(
-            told(ThreadVerdict::OutOfPhase, 0.01, false)
+            diagnostic(ThreadVerdict::OutOfPhase, 0.01, false)
                 .1
                 .starts_with("retract the tool")
         );
         // G76: the tool is out.
-        let (message, help) = told(ThreadVerdict::Stalled, 0.01, true);
+        let (message, help) = diagnostic(ThreadVerdict::Stalled, 0.01, true);
         assert!(message.ends_with("retracted from the thread"), "{message}");
         assert!(!help.contains("retract the tool"), "{help}");
         // Before the pass: the depth is not the cause, and the tool is not in the thread.
-        let (_, help) = told(ThreadVerdict::Stalled, 0.0, false);
+        let (_, help) = diagnostic(ThreadVerdict::Stalled, 0.0, false);
         assert!(help.contains("nothing has been cut"), "{help}");
         assert!(
             !help.contains("depth") && !help.contains("retract the tool"),

@@ -73,7 +73,7 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
             .map_err(|error| error.to_string())?;
         // Above the corner at which the tool is, there is nothing to cut.
         let end_mm = step_mm + (z - to_z).abs() + at_wall_mm;
-        length_mm = end_mm.min(cone.place_mm(allowance_max_mm));
+        length_mm = end_mm.min(cone.position_mm(allowance_max_mm));
     }
     let diameter_mm = match kind {
         CutKind::Longitudinal => cycle.diameter_mm,
@@ -145,9 +145,9 @@ fn check_room(
     // The highest pass extends farthest beyond the end of the cut if a shoulder is to be left.
     let end = settings.length_mm + settings.shoulder_mm();
     for (along, out) in [(before, 0.0), (end, above)] {
-        let place = frame.position(along, out);
+        let position = frame.position(along, out);
         for axis in [AxisLetter::X, AxisLetter::Z] {
-            let (value, i) = (place[axis.index()], axis.index());
+            let (value, i) = (position[axis.index()], axis.index());
             if !(limits.travel_min[i]..=limits.travel_max[i]).contains(&value) {
                 return Err(format!(
                     "the tool needs space as far as {}{value:.3} (machine coordinates) to approach from \

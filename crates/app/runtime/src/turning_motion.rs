@@ -248,8 +248,8 @@ mod tests {
                     // The next part.
                     (piece, line) = (uncut.clone(), 2);
                 }
-                let place = (300.0 - setpoint.position[2], setpoint.position[0] - 30.0);
-                load = piece.step(place.0, place.1).load;
+                let position = (300.0 - setpoint.position[2], setpoint.position[0] - 30.0);
+                load = piece.step(position.0, position.1).load;
                 if let Some(output) = turning_output(&motion) {
                     cut += u32::from(output.state == TurningState::Cut);
                     backed += u32::from(output.state == TurningState::BackOff);

@@ -1,6 +1,6 @@
 //! Results of load-adaptive turning cycles.
 
-use evolvent_turning::{CutNow, TurningOutput, TurningState};
+use evolvent_turning::{CutState, TurningOutput, TurningState};
 use serde::Serialize;
 
 /// Passes and loads of the turning cycles (Q1) of a run.
@@ -48,7 +48,7 @@ impl TurningTally {
 
     /// Counts one control period: the output of a turning cycle, if one moves the axes, and the material
     /// removed from a simulated stock.
-    pub(crate) fn observe(&mut self, output: Option<&TurningOutput>, cut: Option<&CutNow>) {
+    pub(crate) fn observe(&mut self, output: Option<&TurningOutput>, cut: Option<&CutState>) {
         let Some(output) = output else {
             self.inside = false;
             return;

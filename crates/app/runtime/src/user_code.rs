@@ -92,10 +92,10 @@ impl UserCodes {
                     self.advice()
                 ));
             }
-            Ok(facts) if !facts.is_file() => "is not a file",
-            Ok(facts) if facts.permissions().mode() & 0o111 == 0 => "is not executable",
+            Ok(metadata) if !metadata.is_file() => "is not a file",
+            Ok(metadata) if metadata.permissions().mode() & 0o111 == 0 => "is not executable",
             // Whoever can write the file can move the machine.
-            Ok(facts) if facts.permissions().mode() & 0o002 != 0 => "is writable by everyone",
+            Ok(metadata) if metadata.permissions().mode() & 0o002 != 0 => "is writable by everyone",
             Ok(_) => return None,
         };
         Some(format!("M{number}: {} {what}; {}", file.display(), self.advice()))
@@ -114,11 +114,11 @@ impl UserCodes {
     pub(crate) fn start(&self, call: UserCall) -> UserProgram {
         let (sender, news) = mpsc::channel();
         let cancelled = Arc::new(AtomicBool::new(false));
-        let (codes, told) = (self.clone(), Arc::clone(&cancelled));
+        let (codes, is_cancelled) = (self.clone(), Arc::clone(&cancelled));
         let failed = sender.clone();
         let started = thread::Builder::new().name("user-code".into()).spawn(move || {
             take_turns();
-            let result = codes.run(call, &told, &sender);
+            let result = codes.run(call, &is_cancelled, &sender);
             let _gone = sender.send(UserNews::Ended(result));
         });
         if let Err(error) = started {
@@ -134,7 +134,7 @@ impl UserCodes {
         }
     }
 
-    fn run(&self, call: UserCall, cancelled: &AtomicBool, told: &Sender<UserNews>) -> Result<(), String> {
+    fn run(&self, call: UserCall, cancelled: &AtomicBool, sender: &Sender<UserNews>) -> Result<(), String> {
         if call.number == CHANGE_BEGINS {
             return Ok(());
         }
@@ -167,7 +167,7 @@ impl UserCodes {
             .map_err(fails)?;
         // Our ends of the pipe are dropped with the command, so that its end is detected.
         drop(command);
-        let mut output = Output::new(output, told);
+        let mut output = Output::new(output, sender);
         let result = self.watch(&name, child, &mut output, cancelled);
         let end = Instant::now();
         while output.tell() && end.elapsed() < LAST_WORDS {
@@ -238,7 +238,7 @@ fn judge(name: &str, status: ExitStatus) -> Result<(), String> {
 /// Output of an executable, line by line.
 struct Output<'a> {
     pipe: PipeReader,
-    told: &'a Sender<UserNews>,
+    sender: &'a Sender<UserNews>,
     /// The incomplete last line.
     line: Vec<u8>,
     /// Number of bytes that may still be reported.
@@ -247,10 +247,10 @@ struct Output<'a> {
 
 impl<'a> Output<'a> {
     /// Reads a pipe without blocking.
-    fn new(pipe: PipeReader, told: &'a Sender<UserNews>) -> Self {
+    fn new(pipe: PipeReader, sender: &'a Sender<UserNews>) -> Self {
         Self {
             pipe,
-            told,
+            sender,
             line: Vec::with_capacity(MAX_LINE),
             left: MAX_BYTES,
         }
@@ -286,9 +286,9 @@ impl<'a> Output<'a> {
                 .chars()
                 .map(|c| if c.is_control() { ' ' } else { c })
                 .collect();
-            let _gone = self.told.send(UserNews::Line(text));
+            let _gone = self.sender.send(UserNews::Line(text));
             if self.left == 0 {
-                let _gone = self.told.send(UserNews::Line("(more was written)".to_owned()));
+                let _gone = self.sender.send(UserNews::Line("(more was written)".to_owned()));
             }
         }
         self.line.clear();
@@ -466,8 +466,8 @@ mod tests {
         let (output, mut input) = std::io::pipe().unwrap();
         rustix::io::ioctl_fionbio(&output, true).unwrap();
         rustix::io::ioctl_fionbio(&input, true).unwrap();
-        let (told, news) = mpsc::channel();
-        let mut output = Output::new(output, &told);
+        let (sender, news) = mpsc::channel();
+        let mut output = Output::new(output, &sender);
         assert!(output.tell() && news.try_recv().is_err(), "nothing yet");
         let line = "x".repeat(99);
         // The system may provide small pipes only.

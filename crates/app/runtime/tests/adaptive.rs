@@ -109,7 +109,11 @@ fn a_silent_sensor_stops_the_run_within_a_turn() {
     assert_eq!(outcome.summary.alarm, Some(501));
     assert!(outcome.fault.is_some_and(|text| text.contains("load sensor")));
     let silent = seen.iter().position(|s| s[0] > 70.0).unwrap();
-    let stands = seen.iter().skip(silent).position(|s| s[1] == 0.0).unwrap();
-    assert!(stands as f64 * period_s <= 0.1, "{} s", stands as f64 * period_s);
+    let stopped_at = seen.iter().skip(silent).position(|s| s[1] == 0.0).unwrap();
+    assert!(
+        stopped_at as f64 * period_s <= 0.1,
+        "{} s",
+        stopped_at as f64 * period_s
+    );
     assert!(seen.iter().all(|s| s[0] < 72.0), "it stops where the sensor does");
 }

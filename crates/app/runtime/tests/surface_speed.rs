@@ -54,7 +54,7 @@ fn facing_keeps_feed_per_revolution_as_speed_rises() {
     let program = "G21 G18 G8 G90 G95\nG0 X60 Z5\nG96 S100 D1200 M3\nG1 Z0 F0.25\nX8\nG0 Z5\nM5\nM2\n";
     for planner in PLANNERS {
         let setpoints = turn(program, planner);
-        let mut places = 0;
+        let mut count = 0;
         for setpoint in &setpoints {
             let x = setpoint.position[0];
             // While X moves, away from its acceleration at both ends.
@@ -71,9 +71,9 @@ fn facing_keeps_feed_per_revolution_as_speed_rises() {
                 (per_turn / 0.25 - 1.0).abs() < 0.02,
                 "{planner:?}: {per_turn} mm at {x}"
             );
-            places += 1;
+            count += 1;
         }
-        assert!(places > 1000, "{planner:?}: {places}");
+        assert!(count > 1000, "{planner:?}: {count}");
     }
 }
 
@@ -82,7 +82,7 @@ fn a_ball_keeps_its_shape_and_its_feed_per_revolution() {
     let program = "G21 G18 G8 G90 G95 G61\nG0 X2 Z60\nG96 S60 D2000 M3\nG1 Z50 F0.2\nG3 X40 Z12 I0 K-38\n\
                    G1 Z5\nM5\nM2\n";
     for planner in PLANNERS {
-        let mut places = 0;
+        let mut count = 0;
         for setpoint in turn(program, planner) {
             let (x, z) = (setpoint.position[0], setpoint.position[2]);
             if !(12.5..=49.0).contains(&z) {
@@ -97,9 +97,9 @@ fn a_ball_keeps_its_shape_and_its_feed_per_revolution() {
                     (per_turn / 0.2 - 1.0).abs() < 0.02,
                     "{planner:?}: {per_turn} at {x}"
                 );
-                places += 1;
+                count += 1;
             }
         }
-        assert!(places > 500, "{planner:?}: {places}");
+        assert!(count > 500, "{planner:?}: {count}");
     }
 }

@@ -7,7 +7,8 @@ use std::sync::{Arc, Mutex};
 use evolvent_machine::{Machine, PlannerKind};
 use evolvent_motion::MotionState;
 use evolvent_runtime::{
-    CheckBounds, Controls, Job, Notice, ProgramError, RunObserver, RunOutcome, Seen, Setup, check, run_seen,
+    CheckBounds, Controls, Job, Notice, ObservedCycle, ProgramError, RunObserver, RunOutcome, Setup, check,
+    run_observed,
 };
 use evolvent_turning::{SimulatedProcess, TurningJob, TurningState};
 
@@ -45,7 +46,7 @@ fn setup(process: Option<TurningJob>) -> Setup {
 }
 
 /// The observed values of each cycle.
-struct Look {
+struct Sample {
     position: [f64; 2],
     state: MotionState,
     turning: Option<TurningState>,
@@ -55,18 +56,18 @@ struct Look {
 fn drive(
     program: &str,
     setup: Setup,
-    act: impl Fn(u64, &Seen<'_>, &Controls) + Sync,
-) -> (Vec<Look>, RunOutcome) {
+    act: impl Fn(u64, &ObservedCycle<'_>, &Controls) + Sync,
+) -> (Vec<Sample>, RunOutcome) {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("turn.ngc");
     std::fs::write(&file, program).unwrap();
     let job = Job::new(file, setup);
     let controls = Arc::new(Controls::new(1.0));
     let seen = Mutex::new(Vec::new());
-    let outcome = run_seen(&job, &controls, &mut Silent, |cycle| {
+    let outcome = run_observed(&job, &controls, &mut Silent, |cycle| {
         let setpoint = cycle.setpoint;
         act(setpoint.sequence, cycle, &controls);
-        seen.lock().unwrap().push(Look {
+        seen.lock().unwrap().push(Sample {
             position: [setpoint.position[0], setpoint.position[2]],
             state: setpoint.state,
             turning: cycle.turning.map(|output| output.state),
@@ -78,11 +79,11 @@ fn drive(
 }
 
 /// Checks differences of positions against the machine's limits, without the guard.
-fn keeps_limits(looks: &[Look], setup: &Setup) {
+fn keeps_limits(samples: &[Sample], setup: &Setup) {
     let (limits, rate) = (setup.machine.limits(), setup.rate_hz());
     for (k, axis) in [(0, 0), (1, 2)] {
-        for four in looks.windows(4) {
-            let p: Vec<f64> = four.iter().map(|look| look.position[k]).collect();
+        for four in samples.windows(4) {
+            let p: Vec<f64> = four.iter().map(|sample| sample.position[k]).collect();
             let first = (p[3] - p[2]) * rate;
             let second = (p[3] - 2.0 * p[2] + p[1]) * rate * rate;
             let third = (p[3] - 3.0 * p[2] + 3.0 * p[1] - p[0]) * rate.powi(3);
@@ -101,18 +102,18 @@ fn keeps_limits(looks: &[Look], setup: &Setup) {
 fn largest_load(program: &str, process: &TurningJob) -> (f64, f64) {
     let here = setup(Some(process.clone()));
     let mut stock = SimulatedProcess::new(process, 1.0 / here.rate_hz()).unwrap();
-    let (looks, outcome) = drive(program, here.clone(), |_, _, _| {});
+    let (samples, outcome) = drive(program, here.clone(), |_, _, _| {});
     assert!(outcome.program.is_ok(), "{program}: {:?}", outcome.program);
     assert_eq!(
         (outcome.summary.outcome.name(), outcome.fault),
         ("done", None),
         "{program}"
     );
-    keeps_limits(&looks, &here);
-    let most = looks.iter().fold(0.0_f64, |most, look| {
-        most.max(stock.step(look.position[0], look.position[1]).0.load)
+    keeps_limits(&samples, &here);
+    let max = samples.iter().fold(0.0_f64, |max, sample| {
+        max.max(stock.step(sample.position[0], sample.position[1]).0.load)
     });
-    (most, stock.workpiece().height_mm(10.0))
+    (max, stock.workpiece().height_mm(10.0))
 }
 
 #[test]
@@ -133,10 +134,10 @@ fn a_shoulder_within_the_stock_overloads_no_pass() {
             let program = format!(
                 "G21 G18 G90 G94 G8\nS500 M3\nG0 Z308\nG0 X{corner}\nG0 Z300\nF200\nG82 {words} Q1\nM2\n"
             );
-            let (most, left) = largest_load(&program, &process);
+            let (max, left) = largest_load(&program, &process);
             let set = process.settings.regime.set_load;
-            println!("{words}, {height} mm: {:.2} of the set load", most / set);
-            assert!(most < 1.3 * set, "{words}, {height} mm: {}", most / set);
+            println!("{words}, {height} mm: {:.2} of the set load", max / set);
+            assert!(max < 1.3 * set, "{words}, {height} mm: {}", max / set);
             assert!(left.abs() < 0.02, "{words}, {height} mm: {left} mm left");
         }
     }
@@ -170,10 +171,10 @@ fn facing_to_a_shoulder_or_the_axis_never_overloads() {
             let program = format!(
                 "G21 G18 G90 G94 G8\nS500 M3\nG0 X38\nG0 Z{corner}\nG0 X30\nF200\nG75 {words} Q1\nM2\n"
             );
-            let (most, left) = largest_load(&program, &process);
+            let (max, left) = largest_load(&program, &process);
             let set = process.settings.regime.set_load;
-            println!("{words}, {height} mm: {:.2} of the set load", most / set);
-            assert!(most < 1.3 * set, "{words}, {height} mm: {}", most / set);
+            println!("{words}, {height} mm: {:.2} of the set load", max / set);
+            assert!(max < 1.3 * set, "{words}, {height} mm: {}", max / set);
             assert!(left.abs() < 0.02, "{words}, {height} mm: {left} mm left");
         }
     }
@@ -184,20 +185,20 @@ fn a_program_continues_after_a_cycle_reproducibly() {
     for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
         let mut here = setup(Some(process()));
         here.machine.path.planner = planner;
-        let (looks, outcome) = drive(PROGRAM, here.clone(), |_, _, _| {});
+        let (samples, outcome) = drive(PROGRAM, here.clone(), |_, _, _| {});
         assert!(outcome.program.is_ok(), "{:?}", outcome.program);
         assert_eq!((outcome.summary.outcome.name(), outcome.fault), ("done", None));
-        keeps_limits(&looks, &here);
+        keeps_limits(&samples, &here);
         // The cycle leaves the allowance, and the pass after it removes it.
-        let lowest = |of: &dyn Fn(&&Look) -> bool| {
-            looks
+        let lowest = |of: &dyn Fn(&&Sample) -> bool| {
+            samples
                 .iter()
                 .filter(of)
-                .map(|look| look.position[0])
+                .map(|sample| sample.position[0])
                 .fold(f64::INFINITY, f64::min)
         };
-        assert!((lowest(&|look| look.turning.is_some()) - (FINAL_X + 0.3)).abs() < 1e-9);
-        assert!((lowest(&|look| look.turning.is_none()) - FINAL_X).abs() < 1e-9);
+        assert!((lowest(&|sample| sample.turning.is_some()) - (FINAL_X + 0.3)).abs() < 1e-9);
+        assert!((lowest(&|sample| sample.turning.is_none()) - FINAL_X).abs() < 1e-9);
         let cut = outcome.process.unwrap();
         assert!(
             cut.workpiece().height_mm(20.0).abs() < 0.02,
@@ -205,16 +206,22 @@ fn a_program_continues_after_a_cycle_reproducibly() {
             cut.workpiece().height_mm(20.0)
         );
         // It begins and ends at the position of its line, exact to the last bit.
-        let first = looks.iter().position(|look| look.turning.is_some()).unwrap();
-        let last = looks.iter().rposition(|look| look.turning.is_some()).unwrap();
-        assert_eq!(looks[first - 1].position, [35.0, 300.0]);
-        assert_eq!(looks[last].position, [35.0, 300.0]);
-        assert_eq!(looks[last].turning, Some(TurningState::Done));
-        assert!(looks[first..=last].iter().all(|look| look.line == 7));
+        let first = samples
+            .iter()
+            .position(|sample| sample.turning.is_some())
+            .unwrap();
+        let last = samples
+            .iter()
+            .rposition(|sample| sample.turning.is_some())
+            .unwrap();
+        assert_eq!(samples[first - 1].position, [35.0, 300.0]);
+        assert_eq!(samples[last].position, [35.0, 300.0]);
+        assert_eq!(samples[last].turning, Some(TurningState::Done));
+        assert!(samples[first..=last].iter().all(|sample| sample.line == 7));
         let again = drive(PROGRAM, here, |_, _, _| {}).0;
-        assert_eq!(looks.len(), again.len());
-        let same = |(a, b): (&Look, &Look)| a.position.map(f64::to_bits) == b.position.map(f64::to_bits);
-        assert!(looks.iter().zip(&again).all(same));
+        assert_eq!(samples.len(), again.len());
+        let same = |(a, b): (&Sample, &Sample)| a.position.map(f64::to_bits) == b.position.map(f64::to_bits);
+        assert!(samples.iter().zip(&again).all(same));
     }
 }
 
@@ -226,26 +233,30 @@ fn a_cone_after_the_cylinder_is_finished_to_size() {
     for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
         let mut here = setup(Some(process()));
         here.machine.path.planner = planner;
-        let (looks, outcome) = drive(&program, here.clone(), |_, _, _| {});
+        let (samples, outcome) = drive(&program, here.clone(), |_, _, _| {});
         assert!(outcome.program.is_ok(), "{:?}", outcome.program);
         assert_eq!(outcome.summary.outcome.name(), "done");
-        keeps_limits(&looks, &here);
+        keeps_limits(&samples, &here);
         // The tip relative to the contour; the cycle leaves 0.3 mm along X and Z.
-        let above = |look: &Look, left: f64| {
-            let [x, z] = look.position;
+        let above = |sample: &Sample, left: f64| {
+            let [x, z] = sample.position;
             let contour = 30.0 + (268.0 + left - z).max(0.0) * 30.0_f64.to_radians().tan();
             x - (contour + left)
         };
         let least = |turns: bool, left: f64| {
-            looks
+            samples
                 .iter()
-                .filter(|look| look.turning.is_some() == turns)
-                .map(|look| above(look, left))
+                .filter(|sample| sample.turning.is_some() == turns)
+                .map(|sample| above(sample, left))
                 .fold(f64::INFINITY, f64::min)
         };
         assert!(least(true, 0.3).abs() < 1e-6, "{}", least(true, 0.3));
         assert!(least(false, 0.0).abs() < 1e-3, "{}", least(false, 0.0));
-        assert!(looks.iter().any(|look| look.turning == Some(TurningState::Climb)));
+        assert!(
+            samples
+                .iter()
+                .any(|sample| sample.turning == Some(TurningState::Climb))
+        );
         // The remaining stock, as heights above the final cylinder along the cut from Z300.
         let cut = outcome.process.unwrap();
         for along in [5.0, 20.0, 30.0, 33.0, 35.0, 37.0] {
@@ -259,12 +270,12 @@ fn a_cone_after_the_cylinder_is_finished_to_size() {
 #[test]
 fn hold_override_and_stop_reach_the_turning_cycle() {
     let (whole, _) = drive(PROGRAM, setup(Some(process())), |_, _, _| {});
-    let first = whole.iter().position(|look| look.turning.is_some()).unwrap() as u64;
-    let last = whole.iter().rposition(|look| look.turning.is_some()).unwrap() as u64;
+    let first = whole.iter().position(|sample| sample.turning.is_some()).unwrap() as u64;
+    let last = whole.iter().rposition(|sample| sample.turning.is_some()).unwrap() as u64;
     for share in [0.02, 0.31, 0.77, 0.98] {
         let at = first + (share * (last - first) as f64) as u64;
         let here = setup(Some(process()));
-        let (looks, outcome) = drive(PROGRAM, here.clone(), |k, _, controls| {
+        let (samples, outcome) = drive(PROGRAM, here.clone(), |k, _, controls| {
             if k == at {
                 controls.set_hold(true);
             } else if k == at + 2000 {
@@ -274,22 +285,25 @@ fn hold_override_and_stop_reach_the_turning_cycle() {
         });
         assert_eq!(outcome.summary.outcome.name(), "done", "held at {at}");
         assert!(
-            looks
+            samples
                 .iter()
-                .any(|look| look.state == MotionState::Held && look.turning == Some(TurningState::Held))
+                .any(|sample| sample.state == MotionState::Held && sample.turning == Some(TurningState::Held))
         );
-        assert!(looks.len() > whole.len() + 2000);
+        assert!(samples.len() > whole.len() + 2000);
         assert!(outcome.process.unwrap().workpiece().height_mm(20.0).abs() < 0.02);
-        keeps_limits(&looks, &here);
-        let (looks, outcome) = drive(PROGRAM, here.clone(), |k, _, controls| {
+        keeps_limits(&samples, &here);
+        let (samples, outcome) = drive(PROGRAM, here.clone(), |k, _, controls| {
             if k == at {
                 controls.stop();
             }
         });
         assert_eq!(outcome.summary.outcome.name(), "stopped", "stopped at {at}");
-        assert!((looks.len() as u64) < at + 2000);
-        assert_eq!(looks.last().map(|look| look.state), Some(MotionState::Stopped));
-        keeps_limits(&looks, &here);
+        assert!((samples.len() as u64) < at + 2000);
+        assert_eq!(
+            samples.last().map(|sample| sample.state),
+            Some(MotionState::Stopped)
+        );
+        keeps_limits(&samples, &here);
     }
 }
 
@@ -301,8 +315,8 @@ fn bad_cycles_are_refused_at_their_line_before_motion() {
         std::fs::write(&file, program).unwrap();
         let setup = setup(process);
         let found = check(&file, &setup, CheckBounds::whole(5)).unwrap().errors;
-        let (looks, outcome) = drive(program, setup, |_, _, _| {});
-        assert!(looks.iter().all(|look| look.turning.is_none()));
+        let (samples, outcome) = drive(program, setup, |_, _, _| {});
+        assert!(samples.iter().all(|sample| sample.turning.is_none()));
         let Err(ProgramError::Text { diagnostic, .. }) = outcome.program else {
             panic!("it was run");
         };
@@ -347,8 +361,11 @@ fn facing_to_the_axis_is_accepted_with_any_offset() {
 fn a_missing_load_stops_the_run_with_the_sensor_alarm() {
     let mut silent = process();
     silent.blank = None;
-    let (looks, outcome) = drive(PROGRAM, setup(Some(silent)), |_, _, _| {});
+    let (samples, outcome) = drive(PROGRAM, setup(Some(silent)), |_, _, _| {});
     assert_eq!(outcome.summary.alarm, Some(501));
     assert!(outcome.fault.is_some_and(|text| text.contains("load sensor")));
-    assert_eq!(looks.last().map(|look| look.state), Some(MotionState::Fault));
+    assert_eq!(
+        samples.last().map(|sample| sample.state),
+        Some(MotionState::Fault)
+    );
 }

@@ -22,9 +22,9 @@ fn errors_from(x_mm: f64, unhomed: u32, program: &str) -> Vec<String> {
     let text = std::fs::read_to_string(&file).unwrap();
     let machine = Machine::parse(&text, "mill.toml").unwrap();
     let mut setup = Setup::new(machine, file, text, None).unwrap();
-    let mut place = Axes::zeros();
-    place[0] = x_mm;
-    (setup.place, setup.unhomed) = (Some(place), AxisMask::from_bits(unhomed));
+    let mut position = Axes::zeros();
+    position[0] = x_mm;
+    (setup.position, setup.unhomed) = (Some(position), AxisMask::from_bits(unhomed));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("part.ngc");
     std::fs::write(&path, program).unwrap();

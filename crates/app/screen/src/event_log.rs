@@ -92,11 +92,11 @@ impl EventLog {
             fact,
             cure,
         };
-        let (list, most) = match kind {
+        let (list, max_entries) = match kind {
             LogKind::Alarm | LogKind::Warning => (&mut self.alarms, MAX_ALARMS),
             LogKind::Command | LogKind::Message | LogKind::Link => (&mut self.entries, MAX_ENTRIES),
         };
-        if list.len() == most {
+        if list.len() == max_entries {
             list.pop_front();
         }
         list.push_back(entry.clone());

@@ -83,9 +83,9 @@ pub(crate) async fn watch_kept(server: Arc<Server>) {
             of_thread.hub.tell_kept(kept);
             let mut macros = macros.lock().unwrap_or_else(PoisonError::into_inner);
             if let Some((file, must_exist)) = &of_thread.macros
-                && let Some(told) = macros.look(file, *must_exist)
+                && let Some(news) = macros.poll(file, *must_exist)
             {
-                of_thread.hub.tell_macros(told);
+                of_thread.hub.tell_macros(news);
             }
         };
         // It is read again soon.

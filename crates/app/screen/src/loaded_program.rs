@@ -15,27 +15,27 @@ use crate::upload::{MAX_PROGRAM, look_through};
 
 /// Poll interval. A program is shown when two consecutive polls find it: the first status after an upload may
 /// be older.
-const LOOK: Duration = Duration::from_millis(200);
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Metadata of a file. Different metadata means a different text.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Look {
+struct FileSummary {
     bytes: u64,
     changed: Option<SystemTime>,
 }
 
 /// A program that was sent to pages from here.
-struct Told {
+struct Reported {
     number: u64,
-    look: Result<Look, String>,
+    summary: Result<FileSummary, String>,
 }
 
 /// Sends the program of the status to pages whenever they show another one, while the server runs.
 pub(crate) async fn watch_loaded(server: Arc<Server>) {
-    let mut told: Option<Told> = None;
+    let mut reported: Option<Reported> = None;
     let mut before = String::new();
     loop {
-        tokio::time::sleep(LOOK).await;
+        tokio::time::sleep(POLL_INTERVAL).await;
         let Some(status) = server.hub.present() else {
             continue;
         };
@@ -48,21 +48,26 @@ pub(crate) async fn watch_loaded(server: Arc<Server>) {
         before.clone_from(&loaded);
         let (shown, beside) = server.hub.shown_program();
         let is_shown = shown.as_ref().is_some_and(|shown| is_named(&shown.file, &loaded));
-        let is_told_here = told.as_ref().map(|told| told.number) == shown.as_ref().map(|shown| shown.upload);
+        let is_told_here =
+            reported.as_ref().map(|reported| reported.number) == shown.as_ref().map(|shown| shown.upload);
         // The text of an upload never changes, and a rejected one is shown until another program is loaded.
         if !is_settled || (is_shown && !is_told_here) || (!is_shown && beside.as_ref() == Some(&loaded)) {
             continue;
         }
         let file = PathBuf::from(&loaded);
         let of_thread = file.clone();
-        let Ok(look) = tokio::task::spawn_blocking(move || look_at(&of_thread)).await else {
+        let Ok(summary) = tokio::task::spawn_blocking(move || read_summary(&of_thread)).await else {
             continue;
         };
-        if is_shown && told.as_ref().is_some_and(|told| told.look == look) {
+        if is_shown
+            && reported
+                .as_ref()
+                .is_some_and(|reported| reported.summary == summary)
+        {
             continue;
         }
         let number = 1 + server.uploads.fetch_add(1, Ordering::Relaxed);
-        let info = info_of(&file, number, &look);
+        let info = info_of(&file, number, &summary);
         if server
             .hub
             .replace_program(shown.map(|shown| shown.upload), info.clone())
@@ -79,7 +84,7 @@ pub(crate) async fn watch_loaded(server: Arc<Server>) {
             if info.problem.is_none() {
                 look_through(&server, file, info);
             }
-            told = Some(Told { number, look });
+            reported = Some(Reported { number, summary });
         }
     }
 }
@@ -89,7 +94,7 @@ fn is_named(file: &str, loaded: &str) -> bool {
     file == loaded || (file.starts_with(loaded) && loaded.len() + 4 > TEXT_BYTES)
 }
 
-fn look_at(file: &Path) -> Result<Look, String> {
+fn read_summary(file: &Path) -> Result<FileSummary, String> {
     if file.as_os_str().len() + 4 > TEXT_BYTES {
         return Err(format!(
             "its name has {} bytes or more, and the status truncates it",
@@ -104,22 +109,22 @@ fn look_at(file: &Path) -> Result<Look, String> {
             MAX_PROGRAM >> 20
         ));
     }
-    Ok(Look {
+    Ok(FileSummary {
         bytes: facts.len(),
         changed: facts.modified().ok(),
     })
 }
 
-fn info_of(file: &Path, number: u64, look: &Result<Look, String>) -> ProgramInfo {
+fn info_of(file: &Path, number: u64, summary: &Result<FileSummary, String>) -> ProgramInfo {
     ProgramInfo {
         name: name_of(file),
         upload: number,
         file: file.display().to_string(),
-        problem: look.as_ref().err().cloned(),
-        bytes: look.as_ref().map_or(0, |look| look.bytes),
+        problem: summary.as_ref().err().cloned(),
+        bytes: summary.as_ref().map_or(0, |summary| summary.bytes),
         errors: Vec::new(),
         warnings: Vec::new(),
-        checked: look.is_err(),
+        checked: summary.is_err(),
         planned_s: None,
     }
 }
@@ -143,19 +148,19 @@ mod tests {
     fn what_cannot_be_read_is_told_with_its_reason() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("part.ngc");
-        let missing = look_at(&file);
+        let missing = read_summary(&file);
         assert!(info_of(&file, 1, &missing).problem.unwrap().contains("part.ngc"));
         std::fs::write(&file, "M2\n").unwrap();
-        let found = look_at(&file);
+        let found = read_summary(&file);
         let info = info_of(&file, 2, &found);
         assert_eq!(
             (info.problem, info.bytes, info.name.as_str()),
             (None, 3, "part.ngc")
         );
         std::fs::write(&file, "M30\n").unwrap();
-        assert_ne!(look_at(&file), found);
-        assert!(look_at(folder.path()).is_err());
+        assert_ne!(read_summary(&file), found);
+        assert!(read_summary(folder.path()).is_err());
         let long = folder.path().join("x".repeat(120));
-        assert!(look_at(&long).unwrap_err().contains("truncates"));
+        assert!(read_summary(&long).unwrap_err().contains("truncates"));
     }
 }

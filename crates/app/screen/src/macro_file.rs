@@ -134,7 +134,7 @@ pub(crate) struct MacroWatch {
 impl MacroWatch {
     /// The message for pages if the file has changed since the last call. A missing file counts as one
     /// without macros, unless it must exist.
-    pub(crate) fn look(&mut self, file: &Path, must_exist: bool) -> Option<ToPage> {
+    pub(crate) fn poll(&mut self, file: &Path, must_exist: bool) -> Option<ToPage> {
         let facts = std::fs::metadata(file).and_then(|facts| Ok((facts.modified()?, facts.len())));
         let seen = facts.as_ref().ok().copied();
         if self.looked && seen == self.seen {
@@ -184,13 +184,13 @@ mod tests {
             macros: Vec::new(),
             problem: None,
         };
-        assert_eq!(watch.look(&file, false), Some(none));
-        assert_eq!(watch.look(&file, false), None, "a change is reported once");
+        assert_eq!(watch.poll(&file, false), Some(none));
+        assert_eq!(watch.poll(&file, false), None, "a change is reported once");
         std::fs::write(&file, "[[macro]]\nname = \"Park\"\nblocks = [\"G53 G0 Z0\"]\n").unwrap();
         let Some(ToPage::Macros {
             macros,
             problem: None,
-        }) = watch.look(&file, false)
+        }) = watch.poll(&file, false)
         else {
             panic!("no macros");
         };
@@ -199,7 +199,7 @@ mod tests {
         let Some(ToPage::Macros {
             macros,
             problem: Some(problem),
-        }) = watch.look(&file, false)
+        }) = watch.poll(&file, false)
         else {
             panic!("no problem");
         };
@@ -208,7 +208,7 @@ mod tests {
             "{problem}"
         );
         std::fs::remove_file(&file).unwrap();
-        let gone = watch.look(&file, true);
+        let gone = watch.poll(&file, true);
         assert!(
             matches!(gone, Some(ToPage::Macros { problem: Some(_), .. })),
             "{gone:?}"

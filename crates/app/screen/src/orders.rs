@@ -15,7 +15,7 @@ use crate::messages::Refusal;
 /// Maximum wait for an answer: the core reads files for at most 8 s.
 const ANSWER: Duration = Duration::from_secs(12);
 /// Interval at which a thread checks whether to end.
-const LOOK: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Maximum number of waiting orders; more are rejected.
 const WAITING: usize = 16;
 
@@ -207,7 +207,7 @@ fn carry(mut core: impl Core, hub: &Hub, stop: &AtomicBool, orders: &Receiver<Or
         // Opening a client takes up to seconds. An emergency stop must not wait for that, and a jog would
         // expire.
         core.open_early();
-        let order = match orders.recv_timeout(LOOK) {
+        let order = match orders.recv_timeout(POLL_INTERVAL) {
             Ok(order) => order,
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,

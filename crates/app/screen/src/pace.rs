@@ -42,8 +42,8 @@ impl Pace {
     }
 
     fn may_send_at(&self, at: Duration) -> bool {
-        let (now, heard) = (ms(at), self.heard_ms.load(Ordering::Relaxed));
-        let is_slow = heard > 0 && now.saturating_sub(heard) > ms(REPLY);
+        let (now, last_reply) = (ms(at), self.heard_ms.load(Ordering::Relaxed));
+        let is_slow = last_reply > 0 && now.saturating_sub(last_reply) > ms(REPLY);
         if is_slow && now.saturating_sub(self.sent_ms.load(Ordering::Relaxed)) < ms(FEW) {
             return false;
         }

@@ -50,14 +50,14 @@ pub(crate) async fn path(
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     };
     let (writer, pieces) = body();
-    let (told, programmed) = oneshot::channel();
+    let (sender, programmed) = oneshot::channel();
     let of_thread = Arc::clone(&server);
     let started = background("screen-path", move || {
         let setup = present_setup(&of_thread.setup, of_thread.state_folder.as_deref());
         let mut chunks = ChunkWriter::new(PathKind::Programmed, writer, FIRST_CHUNK);
         if send_programmed(&file, &setup, &mut chunks) {
             // The page may have gone.
-            let _gone = told.send((chunks.body, file, setup));
+            let _gone = sender.send((chunks.body, file, setup));
         }
         drop(turn);
     });

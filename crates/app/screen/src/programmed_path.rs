@@ -244,7 +244,7 @@ mod tests {
     fn an_error_and_an_endless_loop_end_it() {
         assert_eq!(vertices("G21 G90\nG1 X1 F600\nG1 Q\nG1 X2\nM2\n").len(), 2);
         let found = vertices("G21 G90 F600\no1 while [1]\nG1 X1\nG1 X0\no1 endwhile\nM2\n");
-        let most = MAX_ROUND as usize + 10;
-        assert!((most / 2..most).contains(&found.len()), "{}", found.len());
+        let max = MAX_ROUND as usize + 10;
+        assert!((max / 2..max).contains(&found.len()), "{}", found.len());
     }
 }

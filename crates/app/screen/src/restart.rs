@@ -93,7 +93,7 @@ impl Drop for Interrupt {
 /// The setup of a program that starts now.
 fn setup_at(mut setup: Setup, now: Option<&Status>) -> Setup {
     if let Some(status) = now {
-        setup.place = Some(status.position_machine.into());
+        setup.position = Some(status.position_machine.into());
         setup.tool = status.tool;
         setup.block_delete = status.switches & BLOCK_DELETE != 0;
         setup.rapid_override = status.rapid_override_ratio;
@@ -149,7 +149,7 @@ mod tests {
 
     use super::*;
 
-    fn told(text: &str, line: u32, interrupt: bool) -> RestartInfo {
+    fn restart_info(text: &str, line: u32, interrupt: bool) -> RestartInfo {
         let folder = tempfile::tempdir().unwrap();
         let program = folder.path().join("part.ngc");
         std::fs::write(&program, text).unwrap();
@@ -173,13 +173,13 @@ mod tests {
         let long = "G21 G90 G1 F1000\n#1=0\no1 while [#1 LT 100000000]\n#1=[#1+1]\nG1 X[#1/10000000]\n\
                     o1 endwhile\nG0 Z5\nM2\n";
         let begun = std::time::Instant::now();
-        let info = told(long, 7, true);
+        let info = restart_info(long, 7, true);
         assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
         assert!(
             info.problem.contains("line 7 were interpreted for 10 s"),
             "{info:?}"
         );
-        let short = told(&long.replace("100000000", "3"), 7, false);
+        let short = restart_info(&long.replace("100000000", "3"), 7, false);
         assert_eq!((short.problem.as_str(), short.line), ("", 7));
     }
 
@@ -187,7 +187,7 @@ mod tests {
     fn the_way_to_a_line_is_bounded_by_memory() {
         let body = "G1 X1 (a line of a loop that is stored to be repeated, with a comment to make it long)\n"
             .repeat(900_000);
-        let info = told(
+        let info = restart_info(
             &format!("G21 G90 G1 F1000\no1 repeat [2]\n{body}o1 endrepeat\nG0 Z5\nM2\n"),
             900_004,
             false,

@@ -217,18 +217,18 @@ mod tests {
             });
         }
         // Commanded, measured, angle, door, clamp; -1 is unknown.
-        let mut told = |ms: u64| -> Vec<f64> {
+        let mut sampled = |ms: u64| -> Vec<f64> {
             let values = signals.at(ms, ms * MS).iter();
             values
                 .map(|value| if value.is_nan() { -1.0 } else { *value })
                 .collect()
         };
-        assert_eq!(told(2), [800.0, -1.0, -1.0, -1.0, 0.0]);
-        assert_eq!(told(3), [800.0, -1.0, -1.0, 0.0, 0.0]);
-        assert_eq!(told(4), [-800.0, 790.0, 90.0, 0.0, 1.0]);
-        assert_eq!(told(5), [-800.0, 790.0, 90.0, 1.0, 1.0]);
-        assert_eq!(told(6), [-800.0, 790.0, 270.0, 1.0, 1.0]);
+        assert_eq!(sampled(2), [800.0, -1.0, -1.0, -1.0, 0.0]);
+        assert_eq!(sampled(3), [800.0, -1.0, -1.0, 0.0, 0.0]);
+        assert_eq!(sampled(4), [-800.0, 790.0, 90.0, 0.0, 1.0]);
+        assert_eq!(sampled(5), [-800.0, 790.0, 90.0, 1.0, 1.0]);
+        assert_eq!(sampled(6), [-800.0, 790.0, 270.0, 1.0, 1.0]);
         // Signals that are no longer reported are unknown; outputs keep their command.
-        assert_eq!(told(200), [-800.0, -1.0, -1.0, -1.0, 1.0]);
+        assert_eq!(sampled(200), [-800.0, -1.0, -1.0, -1.0, 1.0]);
     }
 }

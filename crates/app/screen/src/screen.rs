@@ -35,7 +35,7 @@ use crate::watcher;
 /// Time for the last message to reach the pages.
 const FAREWELL: Duration = Duration::from_millis(150);
 /// Poll interval of the end.
-const LOOK: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// A running screen. It ends when dropped.
 #[derive(Debug)]
@@ -242,7 +242,7 @@ async fn serve(
     }
     let ended = async {
         while !stop.load(Ordering::Relaxed) {
-            tokio::time::sleep(LOOK).await;
+            tokio::time::sleep(POLL_INTERVAL).await;
         }
         // With this message, pages can distinguish the end from a lost connection.
         hub.tell_end(what);

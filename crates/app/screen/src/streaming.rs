@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// wireless network reaches it.
 const MIN_RATE: f64 = (1 << 20) as f64;
 /// Poll interval of a full channel.
-const LOOK: Duration = Duration::from_millis(4);
+const POLL_INTERVAL: Duration = Duration::from_millis(4);
 /// Size of the pieces of a text, bytes.
 const PIECE: usize = 64 << 10;
 /// Maximum number of pieces waiting for a client.
@@ -69,7 +69,7 @@ impl BodyWriter {
                 Err(TrySendError::Full(_)) if begun.elapsed() >= self.patience => return false,
                 Err(TrySendError::Full(back)) => piece = back,
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
         // Patience is limited: a client that was fast for long must not pause for long.
         self.patience = (self.patience.saturating_sub(begun.elapsed()) + gained).min(PATIENCE);

@@ -176,7 +176,7 @@ mod tests {
     }
 
     /// What OpenSSL reads from a certificate; `None` without OpenSSL.
-    fn told(certificate: &Path, options: &[&str]) -> Option<String> {
+    fn openssl(certificate: &Path, options: &[&str]) -> Option<String> {
         let mut command = std::process::Command::new("openssl");
         let output = command
             .args(["x509", "-noout", "-in"])
@@ -193,7 +193,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (certificate, key) = own_certificate(folder.path(), "mill-3axis", &names(), NOW_S).unwrap();
         let encryption = acceptor(&certificate, &key).unwrap();
-        let Some(text) = told(&certificate, &["-text"]) else {
+        let Some(text) = openssl(&certificate, &["-text"]) else {
             return;
         };
         assert!(
@@ -207,7 +207,7 @@ mod tests {
         assert!(text.contains("TLS Web Server Authentication"), "{text}");
         // In seconds, so that no calendar is needed here.
         let date = |option| {
-            let line = told(&certificate, &[option, "-dateopt", "iso_8601"]).unwrap();
+            let line = openssl(&certificate, &[option, "-dateopt", "iso_8601"]).unwrap();
             let mut command = std::process::Command::new("date");
             let date = line.trim().split_once('=').unwrap().1.to_owned();
             let output = command.args(["+%s", "--date", &date]).output().unwrap();
@@ -220,7 +220,7 @@ mod tests {
         let (begin_s, end_s) = (date("-startdate"), date("-enddate"));
         assert_eq!(begin_s, NOW_S - DAY_S);
         assert!(end_s - begin_s <= 397 * DAY_S, "{begin_s} to {end_s}");
-        let line = told(&certificate, &["-fingerprint", "-sha256"]).unwrap();
+        let line = openssl(&certificate, &["-fingerprint", "-sha256"]).unwrap();
         assert_eq!(line.trim().split_once('=').unwrap().1, encryption.fingerprint);
     }
 

@@ -147,7 +147,7 @@ async fn read(
         let text = "too many traces are being read; try again";
         return (StatusCode::TOO_MANY_REQUESTS, text).into_response();
     };
-    let (outcome, told) = oneshot::channel();
+    let (outcome, receiver) = oneshot::channel();
     let of_thread = Arc::clone(server);
     let started = background("screen-traces", move || {
         match work(&of_thread) {
@@ -167,7 +167,7 @@ async fn read(
     if let Err(error) = started {
         return (StatusCode::SERVICE_UNAVAILABLE, error.to_string()).into_response();
     }
-    match told.await {
+    match receiver.await {
         Ok(Ok(pieces)) => streamed(kind, pieces),
         Ok(Err(refusal)) => refusal.into_response(),
         Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
@@ -192,9 +192,9 @@ fn files(traces: &TraceTo) -> Vec<(PathBuf, Metadata)> {
         })
         // Excludes symbolic links and devices.
         .filter_map(|file| Some((file.clone(), std::fs::symlink_metadata(&file).ok()?)))
-        .filter(|(_, facts)| facts.is_file())
+        .filter(|(_, metadata)| metadata.is_file())
         .collect();
-    files.sort_by_key(|(_, facts)| std::cmp::Reverse(modified(facts)));
+    files.sort_by_key(|(_, metadata)| std::cmp::Reverse(modified(metadata)));
     files
 }
 
@@ -203,19 +203,22 @@ fn name_of(file: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-fn modified(facts: &Metadata) -> u64 {
-    let since = facts.modified().unwrap_or(UNIX_EPOCH).duration_since(UNIX_EPOCH);
+fn modified(metadata: &Metadata) -> u64 {
+    let since = metadata
+        .modified()
+        .unwrap_or(UNIX_EPOCH)
+        .duration_since(UNIX_EPOCH);
     since.map_or(0, |since| since.as_millis() as u64)
 }
 
 fn listed(traces: &TraceTo) -> Vec<TraceEntry> {
-    let entry = |(file, facts): (PathBuf, Metadata)| {
+    let entry = |(file, metadata): (PathBuf, Metadata)| {
         let name = name_of(&file);
         let entry = TraceEntry {
             is_open: name.ends_with(OPEN),
             name,
-            bytes: facts.len(),
-            modified: modified(&facts),
+            bytes: metadata.len(),
+            modified: modified(&metadata),
             ..TraceEntry::default()
         };
         if entry.is_open {
@@ -250,19 +253,19 @@ struct Readable {
 }
 
 /// Disk space reserved for a copy until it is made.
-struct Room<'a> {
+struct Reservation<'a> {
     taken: &'a AtomicU64,
     bytes: u64,
 }
 
-impl<'a> Room<'a> {
+impl<'a> Reservation<'a> {
     /// Reserves space for a copy of `size` bytes and the complete trace made from it, if `free` bytes are
     /// left.
     fn take(taken: &'a AtomicU64, size: u64, free: u64) -> Result<Self, Refusal> {
         let bytes = size.saturating_mul(2);
         let before = taken.fetch_add(bytes, Ordering::Relaxed);
         // Released on drop from here on.
-        let room = Self { taken, bytes };
+        let reservation = Self { taken, bytes };
         let needed = bytes.saturating_add(before).saturating_add(RESERVE);
         if free < needed {
             let text = format!(
@@ -273,11 +276,11 @@ impl<'a> Room<'a> {
             );
             return Err((StatusCode::INSUFFICIENT_STORAGE, text));
         }
-        Ok(room)
+        Ok(reservation)
     }
 }
 
-impl Drop for Room<'_> {
+impl Drop for Reservation<'_> {
     fn drop(&mut self) {
         self.taken.fetch_sub(self.bytes, Ordering::Relaxed);
     }
@@ -285,8 +288,8 @@ impl Drop for Room<'_> {
 
 /// Bytes that a user can still write to the file system of a folder.
 fn free_bytes(folder: &Path) -> std::io::Result<u64> {
-    let facts = rustix::fs::statvfs(folder)?;
-    Ok(facts.f_bavail.saturating_mul(facts.f_frsize))
+    let metadata = rustix::fs::statvfs(folder)?;
+    Ok(metadata.f_bavail.saturating_mul(metadata.f_frsize))
 }
 
 impl Readable {
@@ -294,14 +297,14 @@ impl Readable {
         let found = files(&server.traces)
             .into_iter()
             .find(|(file, _)| name_of(file) == name);
-        let (file, facts) = found.ok_or((StatusCode::NOT_FOUND, "there is no such trace".to_owned()))?;
+        let (file, metadata) = found.ok_or((StatusCode::NOT_FOUND, "there is no such trace".to_owned()))?;
         if !name.ends_with(OPEN) {
             return Ok(Self { file, _copy: None });
         }
         let folder = server.state_folder.as_deref().unwrap_or(Path::new("."));
         let free = free_bytes(folder).map_err(unreadable)?;
-        let _room = Room::take(&server.copies, facts.len(), free)?;
-        Self::copy(&file, &facts, folder).map_err(|error| {
+        let _reservation = Reservation::take(&server.copies, metadata.len(), free)?;
+        Self::copy(&file, &metadata, folder).map_err(|error| {
             let text = format!("{name} is being written, and a copy of it cannot be read: {error}");
             (StatusCode::UNPROCESSABLE_ENTITY, text)
         })
@@ -315,8 +318,8 @@ impl Readable {
     }
 
     /// A complete trace of the part of an open one that is on disk. Its recorder is not disturbed.
-    fn copy(open: &Path, facts: &Metadata, folder: &Path) -> std::io::Result<Self> {
-        if facts.len() > MAX_COPY {
+    fn copy(open: &Path, metadata: &Metadata, folder: &Path) -> std::io::Result<Self> {
+        if metadata.len() > MAX_COPY {
             let text = format!(
                 "it has more than {} GiB; read it when it has ended",
                 MAX_COPY >> 30
@@ -325,7 +328,7 @@ impl Readable {
         }
         let own = tempfile::Builder::new().prefix(COPY_PREFIX).tempdir_in(folder)?;
         let (torn, whole) = (own.path().join("torn.mcap.part"), own.path().join("present.mcap"));
-        let mut from = File::open(open)?.take(facts.len());
+        let mut from = File::open(open)?.take(metadata.len());
         let mut to = File::create(&torn)?;
         std::io::copy(&mut from, &mut to)?;
         to.flush()?;
@@ -385,15 +388,15 @@ mod tests {
         let taken = AtomicU64::new(0);
         let gib = 1 << 30;
         // 1 GiB twice, and 1 GiB that stays free.
-        let first = Room::take(&taken, gib, 3 * gib).ok().unwrap();
+        let first = Reservation::take(&taken, gib, 3 * gib).ok().unwrap();
         // A second copy needs the same again.
-        let refused = Room::take(&taken, gib, 5 * gib - 1).err().unwrap();
+        let refused = Reservation::take(&taken, gib, 5 * gib - 1).err().unwrap();
         assert_eq!(refused.0, StatusCode::INSUFFICIENT_STORAGE);
         assert!(refused.1.contains("5120 MiB needed"), "{}", refused.1);
-        let second = Room::take(&taken, gib, 5 * gib).ok().unwrap();
+        let second = Reservation::take(&taken, gib, 5 * gib).ok().unwrap();
         drop((first, second));
         assert_eq!(taken.load(Ordering::Relaxed), 0);
-        assert!(Room::take(&taken, gib, 3 * gib - 1).is_err());
+        assert!(Reservation::take(&taken, gib, 3 * gib - 1).is_err());
         assert_eq!(taken.load(Ordering::Relaxed), 0);
         assert!(free_bytes(Path::new("/")).unwrap() > 0);
     }

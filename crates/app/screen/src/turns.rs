@@ -51,8 +51,8 @@ impl Turns {
         self.take_behind(role, usize::MAX).await
     }
 
-    /// Like [`Self::take`], unless `most` requests of this role are already waiting.
-    pub(crate) async fn take_behind(&self, role: Role, most: usize) -> Option<OwnedSemaphorePermit> {
+    /// Like [`Self::take`], unless `max_waiting` requests of this role are already waiting.
+    pub(crate) async fn take_behind(&self, role: Role, max_waiting: usize) -> Option<OwnedSemaphorePermit> {
         let Queue { turns, waiting } = match role {
             Role::Operate => &self.operate,
             Role::Watch => &self.watch,
@@ -63,7 +63,7 @@ impl Turns {
         }
         let before = waiting.fetch_add(1, Ordering::Relaxed);
         let _waiting = Waiting(waiting);
-        if before >= most {
+        if before >= max_waiting {
             return None;
         }
         // The semaphores are never closed.

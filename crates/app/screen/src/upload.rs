@@ -208,12 +208,12 @@ pub(crate) fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInf
 /// Writes a body to a file and returns its size. The disk may block the writing thread, which has ended when
 /// this returns.
 async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u64, Refused> {
-    let most = programs.stored().map_or(MAX_PROGRAM, |stored| {
+    let max_bytes = programs.stored().map_or(MAX_PROGRAM, |stored| {
         MAX_PROGRAM.min(MAX_STORED.saturating_sub(stored))
     });
     let (sender, mut receiver) = mpsc::channel::<Bytes>(4);
     let writer = tokio::task::spawn_blocking(move || write_chunks(&part, &mut receiver));
-    let received = forward(body, sender, most, programs).await;
+    let received = forward(body, sender, max_bytes, programs).await;
     let written = writer.await.map_err(|error| failed(&error))?;
     let bytes = received?;
     written.map_err(|error| failed(&error))?;
@@ -224,7 +224,7 @@ async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u
 async fn forward(
     body: Body,
     sender: mpsc::Sender<Bytes>,
-    most: u64,
+    max_bytes: u64,
     programs: &ProgramStore,
 ) -> Result<u64, Refused> {
     let mut stream = body.into_data_stream();
@@ -241,8 +241,8 @@ async fn forward(
             )
         })?;
         bytes += chunk.len() as u64;
-        if bytes > most {
-            if most == MAX_PROGRAM {
+        if bytes > max_bytes {
+            if max_bytes == MAX_PROGRAM {
                 return Err(too_large());
             }
             let text = format!(

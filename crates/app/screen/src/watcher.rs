@@ -142,7 +142,7 @@ impl Readers {
 
 /// Runs until the connection breaks.
 fn watch(mut readers: Readers, mut sampler: Sampler, hub: &Hub, stop: &AtomicBool) {
-    let (mut heard, mut last): (Instant, Option<Status>) = (Instant::now(), None);
+    let (mut last_heard, mut last): (Instant, Option<Status>) = (Instant::now(), None);
     let (mut signals, mut signals_at) = (Utf8Bytes::default(), Instant::now());
     while !stop.load(Ordering::Relaxed) {
         std::thread::sleep(FRAME);
@@ -154,7 +154,7 @@ fn watch(mut readers: Readers, mut sampler: Sampler, hub: &Hub, stop: &AtomicBoo
         samples.drain(..excess * sampler.sample_bytes());
         match readers.status.latest() {
             Ok(Some(status)) if last.is_none_or(|last| status.sequence != last.sequence) => {
-                heard = Instant::now();
+                last_heard = Instant::now();
                 if let Some(before) = &last {
                     log_changes(hub, before, &status);
                 }
@@ -163,7 +163,7 @@ fn watch(mut readers: Readers, mut sampler: Sampler, hub: &Hub, stop: &AtomicBoo
             Ok(_) => {}
             Err(_) => return,
         }
-        if heard.elapsed() > SILENCE {
+        if last_heard.elapsed() > SILENCE {
             hub.show(
                 &ToPage::Core { alive: false },
                 Bytes::new(),

@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 use toml::de::DeTable;
 
 use crate::error::ConfigError;
-use crate::place::{Found, byte_of, find_json, find_toml, line_and_column};
+use crate::position::{Found, byte_of, find_json, find_toml, line_and_column};
 use crate::words::{in_plain_words, one_line, plain, shortened, with_plain_numbers};
 
 /// A user-written configuration file, parsed once: TOML, or JSON if the file name ends in `.json`.
@@ -174,8 +174,8 @@ impl<'a> ConfigDocument<'a> {
     /// The line of a dotted key, or of the innermost table of it that exists, from 1.
     #[must_use]
     pub fn line(&self, key: &str) -> u32 {
-        let (Found::Key(place) | Found::Parent(place)) = self.find(key);
-        line_and_column(self.text, place).0 as u32
+        let (Found::Key(position) | Found::Parent(position)) = self.find(key);
+        line_and_column(self.text, position).0 as u32
     }
 
     fn find(&self, key: &str) -> Found {
@@ -193,10 +193,10 @@ impl<'a> ConfigDocument<'a> {
 
     fn error_at(&self, key: &str, at: Option<usize>, what: String, advice: String) -> ConfigError {
         let (what, advice) = (with_plain_numbers(what), with_plain_numbers(advice));
-        let place = match (self.find(key), at) {
-            (Found::Key(place), _) | (_, Some(place)) | (Found::Parent(place), None) => place,
+        let position = match (self.find(key), at) {
+            (Found::Key(position), _) | (_, Some(position)) | (Found::Parent(position), None) => position,
         };
-        let (line, column) = line_and_column(self.text, place);
+        let (line, column) = line_and_column(self.text, position);
         let key = if key.is_empty() || key == "." {
             "the file".to_owned()
         } else {

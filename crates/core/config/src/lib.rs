@@ -35,7 +35,7 @@ mod error;
 mod file;
 mod output_conflict;
 mod output_file;
-mod place;
+mod position;
 mod program_number;
 mod text_file;
 mod words;

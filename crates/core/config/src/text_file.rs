@@ -81,15 +81,15 @@ mod tests {
     fn what_gives_no_text_is_named_with_its_cure() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("net.toml");
-        let told = |max| {
+        let error = |max| {
             let text = read_text(&path, max, "network file").unwrap_err().to_string();
             text.replace(&format!("{}: ", path.display()), "")
         };
-        assert!(told(9).starts_with("cannot read the network file: "));
+        assert!(error(9).starts_with("cannot read the network file: "));
         std::fs::write(&path, b"a = 1\n# \xff").unwrap();
-        assert_eq!(told(9), "not UTF-8 text at byte 8; save the file as UTF-8");
+        assert_eq!(error(9), "not UTF-8 text at byte 8; save the file as UTF-8");
         assert_eq!(
-            told(8),
+            error(8),
             "longer than 8 bytes, too long for the network file; check the path"
         );
         std::fs::write(&path, "a = 1").unwrap();

@@ -24,8 +24,8 @@ pub fn shortened(text: &str) -> String {
     shortened_to(text, 80)
 }
 
-fn shortened_to(text: &str, most_chars: usize) -> String {
-    match text.char_indices().nth(most_chars) {
+fn shortened_to(text: &str, max_chars: usize) -> String {
+    match text.char_indices().nth(max_chars) {
         None => text.to_owned(),
         Some((end, _)) => format!("{}...", &text[..end]),
     }

@@ -223,7 +223,7 @@ fn rate_over_feed(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &Ra
         if let Some(end) = end {
             // A line leaves through the top or the right side.
             let through_top = end.1 > 0.98 * rates.end;
-            let place = if through_top {
+            let anchor = if through_top {
                 (HPos::Center, VPos::Bottom)
             } else {
                 (HPos::Left, VPos::Center)
@@ -236,7 +236,7 @@ fn rate_over_feed(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &Ra
             };
             // Clear of the frame and of the wider first label.
             let shift = if through_top { (0, -3) } else { (5, 0) };
-            label(&chart, root, end, shift, &text, &BLACK, place)?;
+            label(&chart, root, end, shift, &text, &BLACK, anchor)?;
             first = false;
         }
     }
@@ -252,7 +252,7 @@ fn rate_over_feed(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &Ra
         chart.draw_series(LineSeries::new(line, ACCELERATION_COLOUR.stroke_width(2)))?;
         if let Some(end) = end {
             let text = format!("A {} g", figure(n));
-            let place = (HPos::Left, VPos::Center);
+            let anchor = (HPos::Left, VPos::Center);
             label(
                 &chart,
                 root,
@@ -260,7 +260,7 @@ fn rate_over_feed(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &Ra
                 (5, 0),
                 &text,
                 &ACCELERATION_COLOUR,
-                place,
+                anchor,
             )?;
         }
     }

@@ -54,11 +54,11 @@ struct Lines<'a> {
 /// The column (in characters, from 1) and text of a field.
 type Field<'a> = (usize, &'a str);
 
-fn error(file: &str, place: (usize, usize), key: &str, what: String, advice: &str) -> ConfigError {
+fn error(file: &str, position: (usize, usize), key: &str, what: String, advice: &str) -> ConfigError {
     ConfigError::Key {
         file: file.to_owned(),
-        line: place.0,
-        column: place.1,
+        line: position.0,
+        column: position.1,
         key: key.to_owned(),
         what,
         advice: advice.to_owned(),

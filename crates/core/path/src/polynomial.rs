@@ -113,11 +113,11 @@ pub(crate) fn curvature_bound(curve: &[Quintic; 3], along: Vector3<f64>, a: f64,
     };
     let first = columns(curve.map(|c| bernstein(&derivative(&c), a, b)));
     let second = columns(curve.map(|c| bernstein(&derivative(&derivative(&c)), a, b)));
-    let least = first
+    let min = first
         .iter()
         .map(|point| point.dot(&along))
         .fold(f64::INFINITY, f64::min);
-    if !(least > 0.0) {
+    if !(min > 0.0) {
         return f64::INFINITY;
     }
     // The product of two Bernstein polynomials of degree 5 has degree 10 and the hull property too.
@@ -135,5 +135,5 @@ pub(crate) fn curvature_bound(curve: &[Quintic; 3], along: Vector3<f64>, a: f64,
         .zip(weights)
         .map(|(sum, weight)| sum.norm() / weight)
         .fold(0.0, f64::max);
-    bend / (least * least * least)
+    bend / (min * min * min)
 }

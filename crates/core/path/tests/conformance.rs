@@ -242,24 +242,24 @@ fn bounds_contain_every_point_and_are_tight() {
             let (a, b) = (random.unit() * curve.domain(), random.unit() * curve.domain());
             let (low, high) = curve.bounds(a, b);
             let samples = 4000;
-            let (mut least, mut most) = (curve.position(a), curve.position(a));
+            let (mut min, mut max) = (curve.position(a), curve.position(a));
             let mut step2 = 0.0f64;
             let step = (b - a).abs() / f64::from(samples);
             for i in 0..=samples {
                 let jet = curve.jet(a.min(b) + step * f64::from(i));
-                least = least.inf(&jet.position);
-                most = most.sup(&jet.position);
+                min = min.inf(&jet.position);
+                max = max.sup(&jet.position);
                 step2 = step2.max(jet.second.amax() * step * step / 8.0);
             }
             let rounding = 64.0 * EPS * scale;
             for i in 0..9 {
                 assert!(
-                    low[i] <= least[i] + rounding && high[i] >= most[i] - rounding,
+                    low[i] <= min[i] + rounding && high[i] >= max[i] - rounding,
                     "{name}: axis {i}"
                 );
                 let slack = 1.01 * step2 + rounding;
                 assert!(
-                    least[i] - low[i] <= slack && high[i] - most[i] <= slack,
+                    min[i] - low[i] <= slack && high[i] - max[i] <= slack,
                     "{name}: axis {i} not tight"
                 );
             }
@@ -287,22 +287,22 @@ fn derivative_bounds_hold_and_are_tight() {
             let mut bent = 0.0f64;
             for i in 0..=200 {
                 let jet = curve.jet(a + (b - a) * f64::from(i) / 200.0);
-                for (most, derivative) in seen.iter_mut().zip([jet.first, jet.second, jet.third]) {
-                    *most = most.sup(&derivative.abs());
+                for (max, derivative) in seen.iter_mut().zip([jet.first, jet.second, jet.third]) {
+                    *max = max.sup(&derivative.abs());
                 }
                 bent = bent.max(jet.curvature());
             }
-            for (order, (bound, most)) in [d1, d2, d3].iter().zip(seen).enumerate() {
-                let rounding = 1e-12 * most.amax() + f64::MIN_POSITIVE;
+            for (order, (bound, max)) in [d1, d2, d3].iter().zip(seen).enumerate() {
+                let rounding = 1e-12 * max.amax() + f64::MIN_POSITIVE;
                 for i in 0..9 {
                     assert!(
-                        bound[i] >= most[i] - rounding,
-                        "{name}: order {} axis {i} {bound} {most}",
+                        bound[i] >= max[i] - rounding,
+                        "{name}: order {} axis {i} {bound} {max}",
                         order + 1
                     );
-                    let loose = bound[i] - most[i];
+                    let loose = bound[i] - max[i];
                     assert!(
-                        !short || loose <= 0.02 * most.amax() + rounding,
+                        !short || loose <= 0.02 * max.amax() + rounding,
                         "{name}: order {} axis {i} loose",
                         order + 1
                     );

@@ -276,8 +276,8 @@ fn end_off_involute_is_measured_and_distributed() {
         for i in 0..=100 {
             let s = curve.length() * f64::from(i) / 100.0;
             let phi = (from * from + 2.0 * s).sqrt();
-            let share = f64::from(i) / 100.0;
-            assert!((curve.at(s).position - unit(phi)).norm() <= 1.05 * off.abs() * share + 1e-12);
+            let fraction = f64::from(i) / 100.0;
+            assert!((curve.at(s).position - unit(phi)).norm() <= 1.05 * off.abs() * fraction + 1e-12);
         }
     }
 }
@@ -389,9 +389,9 @@ fn a_blend_reproduces_a_quintic() {
         assert!((is.third - should.third).amax() <= 1e-10);
     }
     // The extreme of y at u = cbrt(1/2) is computed, not sampled.
-    let least = blend.bounds(0.0, 1.3).0[1];
+    let min = blend.bounds(0.0, 1.3).0[1];
     let u = 0.5f64.cbrt();
-    assert!((least - (u.powi(4) - 2.0 * u)).abs() <= 1e-14);
+    assert!((min - (u.powi(4) - 2.0 * u)).abs() <= 1e-14);
 }
 
 #[test]

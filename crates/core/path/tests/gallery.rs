@@ -57,11 +57,11 @@ impl Rolled {
     pub(crate) fn point(&self, phi: f64) -> Axes {
         let (sin, cos) = (self.handed * phi + self.root).sin_cos();
         let (first, second, normal) = self.plane.axes();
-        let share = (phi * phi - self.phi[0] * self.phi[0]) / (self.phi[1].powi(2) - self.phi[0].powi(2));
-        let mut p = Axes::repeat(self.rest * share);
+        let fraction = (phi * phi - self.phi[0] * self.phi[0]) / (self.phi[1].powi(2) - self.phi[0].powi(2));
+        let mut p = Axes::repeat(self.rest * fraction);
         p[first] = self.centre[0] + self.r * (cos + self.handed * phi * sin);
         p[second] = self.centre[1] + self.r * (sin - self.handed * phi * cos);
-        p[normal] = self.climb * share;
+        p[normal] = self.climb * fraction;
         p
     }
 

@@ -148,9 +148,9 @@ fn random_input_gives_a_valid_curve_or_an_error() {
 fn a_part_of_a_line_or_an_arc_lies_on_it() {
     let mut random = Random::seeded(47);
     for _ in 0..2000 {
-        let place =
+        let random_point =
             |random: &mut Random| Axes::from_fn(|i, _| if i < 3 { random.unit() * 80.0 - 40.0 } else { 0.0 });
-        let (start, end) = (place(&mut random), place(&mut random));
+        let (start, end) = (random_point(&mut random), random_point(&mut random));
         let centre = [random.unit() * 60.0 - 30.0, random.unit() * 60.0 - 30.0];
         let sense = if random.bits().is_multiple_of(2) {
             Sense::Clockwise

@@ -16,7 +16,7 @@ const BACK_FRACTION: f64 = 0.5;
 const TAKEN_OVER_NS: u64 = 5_000_000_000;
 /// A latched position may lie outside the searched range by the distance that the axis travels in this time,
 /// s: the samples can be that old.
-const OFF_WAY_S: f64 = 0.1;
+const LATCH_SLACK_S: f64 = 0.1;
 
 /// Maximum time between the two inputs of a switch that is both home and limit switch, ns. Each input has its
 /// own filter (the longest is the slow one of a Mesa board, up to 50 ms), and contacts bounce for some
@@ -57,7 +57,7 @@ enum Phase {
         is_taken_over: bool,
     },
     /// A pulse was latched at this distance, outside the searched range.
-    OffWay {
+    LatchMissed {
         along: f64,
     },
     /// The edge or pulse was at `position` of the drive.
@@ -152,7 +152,7 @@ impl AxisHoming {
             Phase::NoIndex { from, is_taken_over } if at_rest => {
                 self.index_missing((position - from).abs(), is_taken_over)
             }
-            Phase::OffWay { along } if at_rest => self.off_way(along),
+            Phase::LatchMissed { along } if at_rest => self.latch_missed(along),
             Phase::Latched {
                 position,
                 from_switch,
@@ -204,7 +204,7 @@ impl AxisHoming {
             // Past the edge at which the switch closes, or stopping there.
             Phase::AwaitIndex { .. }
             | Phase::NoIndex { .. }
-            | Phase::OffWay { .. }
+            | Phase::LatchMissed { .. }
             | Phase::Latched { .. } => matches!(
                 self.axis.method,
                 HomingMethod::Switch
@@ -392,17 +392,17 @@ impl AxisHoming {
 
     /// The pulse has come; it must lie within the searched range.
     fn latched(&mut self, latched: f64, from: f64) -> HomingAction {
-        let way = match self.axis.method {
+        let direction = match self.axis.method {
             HomingMethod::SwitchThenIndex {
                 when_opening: true, ..
             } => -self.axis.direction,
             _ => self.axis.direction,
         };
-        let along = (latched - from) * way;
-        let slack = OFF_WAY_S * self.axis.latch_velocity;
+        let along = (latched - from) * direction;
+        let slack = LATCH_SLACK_S * self.axis.latch_velocity;
         // Written so that NaN counts as off the path.
         if !(along >= -slack && along <= self.within() + slack) {
-            return self.halt(Phase::OffWay { along });
+            return self.halt(Phase::LatchMissed { along });
         }
         let has_switch = matches!(self.axis.method, HomingMethod::SwitchThenIndex { .. });
         self.halt(Phase::Latched {
@@ -465,7 +465,7 @@ impl AxisHoming {
         ))
     }
 
-    fn off_way(&self, along: f64) -> HomingAction {
+    fn latch_missed(&self, along: f64) -> HomingAction {
         HomingAction::Fail(Rejection::new(
             Alarm::IndexMissing,
             format!(

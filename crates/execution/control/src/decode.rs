@@ -212,11 +212,11 @@ fn switch(raw: &RawCommand<'_>) -> Result<bool, Rejection> {
     }
 }
 
-fn ratio(what: &str, raw: &RawCommand<'_>, (least, most): (f64, f64)) -> Result<f64, Rejection> {
-    if (least..=most).contains(&raw.amount) {
+fn ratio(what: &str, raw: &RawCommand<'_>, (min, max): (f64, f64)) -> Result<f64, Rejection> {
+    if (min..=max).contains(&raw.amount) {
         Ok(raw.amount)
     } else {
-        Err(range(what, raw.amount, least, most))
+        Err(range(what, raw.amount, min, max))
     }
 }
 
@@ -651,7 +651,7 @@ mod tests {
             values: [-1.000_1 * MAX_VALUE; AXES],
             ..of(CommandCode::TouchOff, 1, 0.0)
         };
-        let told = OperatorCommand::decode(&far, XYZ).unwrap_err().text;
-        assert_eq!(told, "a coordinate is -1000100, it must be -1000000 to 1000000");
+        let text = OperatorCommand::decode(&far, XYZ).unwrap_err().text;
+        assert_eq!(text, "a coordinate is -1000100, it must be -1000000 to 1000000");
     }
 }

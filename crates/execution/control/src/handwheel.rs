@@ -87,17 +87,21 @@ mod tests {
         let mut random = evolvent_random::Random::from_state(seed);
         for _ in 0..200 {
             let mut wheel = Handwheel::new(4.0);
-            let (mut counts, mut way) = (1e6_f64, 0.0_f64);
+            let (mut counts, mut travelled) = (1e6_f64, 0.0_f64);
             wheel.turn(&reading(counts));
             let start = counts;
             for _ in 0..500 {
                 counts += f64::round(9.0 * random.unit() - 4.5);
                 if random.unit() < 0.6 {
-                    way += wheel.turn(&reading(counts)).map_or(0.0, |(_, way)| way);
+                    travelled += wheel
+                        .turn(&reading(counts))
+                        .map_or(0.0, |(_, travelled)| travelled);
                 }
             }
-            way += wheel.turn(&reading(counts)).map_or(0.0, |(_, way)| way);
-            assert!((way - (counts - start) / 4.0 * 0.1).abs() < 1e-9);
+            travelled += wheel
+                .turn(&reading(counts))
+                .map_or(0.0, |(_, travelled)| travelled);
+            assert!((travelled - (counts - start) / 4.0 * 0.1).abs() < 1e-9);
         }
     }
 

@@ -168,9 +168,8 @@ pub fn judge(command: Code, situation: &InterlockState) -> Result<(), Alarm> {
     }
     if !rule.mode[situation.mode as usize] {
         // While a job moves the axes the mode cannot be changed: the job is the reason.
-        let is_in_the_way =
-            situation.activity != Activity::None && !rule.activity[situation.activity as usize];
-        return Err(if is_in_the_way && rule.activity[Activity::None as usize] {
+        let is_blocking = situation.activity != Activity::None && !rule.activity[situation.activity as usize];
+        return Err(if is_blocking && rule.activity[Activity::None as usize] {
             Alarm::Busy
         } else {
             Alarm::WrongMode

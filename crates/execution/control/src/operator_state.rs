@@ -155,7 +155,7 @@ impl OperatorState {
         client: u64,
         serial: u64,
         raw: &RawCommand<'_>,
-        facts: &OperatorInputs,
+        inputs: &OperatorInputs,
     ) -> Result<OperatorCommand, (CommandVerdict, Rejection)> {
         if client == 0 || serial == 0 {
             let text = "a command needs a client number and a serial number, both above 0";
@@ -165,17 +165,17 @@ impl OperatorState {
             self.rejected += 1;
             return Err((CommandVerdict::Stale, Alarm::Stale.into()));
         }
-        if facts.is_ending {
+        if inputs.is_ending {
             return Err(self.refuse(Alarm::Ending.into()));
         }
         // Set until the load succeeds: if anything prevents it, the loaded program is not the one that was
         // requested.
         self.load_failed |= raw.command == CommandCode::Load as u32;
-        let (code, command) = match OperatorCommand::decode(raw, facts.present) {
+        let (code, command) = match OperatorCommand::decode(raw, inputs.present) {
             Ok(decoded) => decoded,
             Err(refusal) => return Err(self.refuse(refusal)),
         };
-        if let Err(refusal) = self.permit(code, facts) {
+        if let Err(refusal) = self.permit(code, inputs) {
             return Err(self.refuse(refusal));
         }
         let starts =
@@ -196,11 +196,11 @@ impl OperatorState {
     ///
     /// # Errors
     /// The reason why it is not permitted; it is not counted.
-    pub fn permit(&self, code: CommandCode, facts: &OperatorInputs) -> Result<(), Rejection> {
-        if facts.is_ending {
+    pub fn permit(&self, code: CommandCode, inputs: &OperatorInputs) -> Result<(), Rejection> {
+        if inputs.is_ending {
             return Err(Alarm::Ending.into());
         }
-        if let Err(alarm) = judge(code, &self.situation(facts)) {
+        if let Err(alarm) = judge(code, &self.situation(inputs)) {
             let mut refusal = Rejection::by_rule(alarm, code);
             if alarm == Alarm::Latched
                 && let Some(first) = self.alarms.iter().find(|raised| raised.alarm.is_latched())
@@ -210,14 +210,14 @@ impl OperatorState {
             return Err(refusal);
         }
         let goes_on = matches!(code, CommandCode::Resume | CommandCode::Step);
-        if goes_on && facts.is_away {
+        if goes_on && inputs.is_away {
             return Err(Alarm::OffPath.into());
         }
-        if code == CommandCode::EstopReset && facts.is_chain_open {
+        if code == CommandCode::EstopReset && inputs.is_chain_open {
             return Err(Alarm::ChainOpen.into());
         }
         // A step of a running program is valid only while the program waits.
-        if code == CommandCode::Step && self.activity == Activity::Program && !facts.is_held {
+        if code == CommandCode::Step && self.activity == Activity::Program && !inputs.is_held {
             return Err(Alarm::NotHeld.into());
         }
         Ok(())
@@ -358,15 +358,15 @@ impl OperatorState {
         self.homed = homed;
     }
 
-    fn situation(&self, facts: &OperatorInputs) -> InterlockState {
+    fn situation(&self, inputs: &OperatorInputs) -> InterlockState {
         InterlockState {
             machine: self.machine,
             mode: self.mode,
             activity: self.activity,
             is_loaded: self.program.is_some(),
-            is_homed: self.homed & facts.present == facts.present,
+            is_homed: self.homed & inputs.present == inputs.present,
             has_alarm: self.has_latched_alarm(),
-            is_held: facts.is_held,
+            is_held: inputs.is_held,
         }
     }
 

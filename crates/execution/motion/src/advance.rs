@@ -116,11 +116,11 @@ impl PathExecutor {
             // A stop has ended within a piece: another plan is made from there in any case.
             is_final || !step.begins_motion() || cursor.slowdown.is_some()
         });
-        if at_rest && !queue.look(is_known) {
+        if at_rest && !queue.record_lookup(is_known) {
             return false;
         }
         let Some((index, step, is_final)) = found else {
-            return queue.look(false);
+            return queue.record_lookup(false);
         };
         // A feed of zero only prevents motion. A dwell, an output or a stop takes effect when it is reached.
         if at_rest && pace.brake && step.begins_motion() {

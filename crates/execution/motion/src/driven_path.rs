@@ -31,7 +31,7 @@ struct Sample {
 
 /// A position on the driven path.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct DrivenPlace {
+pub(crate) struct DrivenPoint {
     /// Position and derivatives by path time in cycles.
     pub(crate) jet: Jet,
     pub(crate) line: u32,
@@ -201,7 +201,7 @@ impl DrivenPath {
 
     /// The position at a path time. The search begins at the last position that was looked up, so that the
     /// cost is bounded by the number of samples between both. Real-time safe.
-    pub(crate) fn at(&mut self, time: f64) -> Option<DrivenPlace> {
+    pub(crate) fn at(&mut self, time: f64) -> Option<DrivenPoint> {
         if self.begin == self.end {
             return None;
         }
@@ -222,14 +222,14 @@ impl DrivenPath {
                 second: left.second,
                 third: Axes::zeros(),
             };
-            return Some(DrivenPlace {
+            return Some(DrivenPoint {
                 jet,
                 line: left.line,
                 joint: left.joint,
             });
         }
         let right = at(found + 1);
-        Some(DrivenPlace {
+        Some(DrivenPoint {
             jet: between(&left, &right, time),
             line: left.line,
             joint: left.joint || right.joint,

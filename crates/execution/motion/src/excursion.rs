@@ -37,7 +37,7 @@ const RATE: f64 = 0.5;
 pub struct Excursion {
     mover: Mover,
     /// Path time at which the axes were last at rest on the driven path, in cycles; none at its end.
-    place: Option<f64>,
+    path_time: Option<f64>,
     /// Position at which the program is held.
     held: Axes,
     /// Number of setpoints at rest since the last motion.
@@ -84,7 +84,7 @@ impl Excursion {
     pub fn begin(motion: &PathExecutor) -> Option<Self> {
         motion.can_be_left().then_some(Self {
             mover: Mover::None,
-            place: None,
+            path_time: None,
             held: motion.last.position,
             rests: 0,
         })
@@ -113,10 +113,10 @@ impl Excursion {
     /// returned.
     pub fn steer(
         &mut self,
-        station: &SetpointGenerator,
+        generator: &SetpointGenerator,
         transfer: Box<TransferExecutor>,
     ) -> Result<(), Box<TransferExecutor>> {
-        if self.is_moving() || !station.can_steer(&transfer) {
+        if self.is_moving() || !generator.can_steer(&transfer) {
             return Err(transfer);
         }
         self.rests = 0;
@@ -126,9 +126,9 @@ impl Excursion {
 
     /// Replaces the transfer in progress by one that begins at the state of the last setpoint. Returns
     /// whether it does. Real-time safe.
-    pub fn turn(&mut self, station: &SetpointGenerator, to: &TransferExecutor) -> bool {
+    pub fn turn(&mut self, generator: &SetpointGenerator, to: &TransferExecutor) -> bool {
         match &mut self.mover {
-            Mover::Transfer(transfer) => station.turn(transfer, to),
+            Mover::Transfer(transfer) => generator.turn(transfer, to),
             _ => false,
         }
     }
@@ -138,13 +138,13 @@ impl Excursion {
     /// on the path, or the path is not known so far back. Real-time safe.
     pub fn retrace(
         &mut self,
-        station: &SetpointGenerator,
+        generator: &SetpointGenerator,
         path: &mut DrivenPath,
         limits: &Limits,
         back: u32,
     ) -> bool {
         let Some(end) = path.end_time() else { return false };
-        let from = self.place.unwrap_or(end);
+        let from = self.path_time.unwrap_or(end);
         let to = if back == 0 {
             Some(end)
         } else {
@@ -152,12 +152,12 @@ impl Excursion {
         };
         let is_on_path = path
             .at(from)
-            .is_some_and(|place| is_near(&place.jet.position, &station.position()));
+            .is_some_and(|point| is_near(&point.jet.position, &generator.position()));
         let Some(to) = to.filter(|to| *to != from && is_on_path && !self.is_moving()) else {
             return false;
         };
         let limits = rate_limits(limits);
-        let length = (to - from).abs() * station.period();
+        let length = (to - from).abs() * generator.period();
         self.rests = 0;
         self.mover = Mover::Path(PathDrive {
             from,
@@ -175,14 +175,14 @@ impl Excursion {
     /// Real-time safe: at most 1024 comparisons.
     #[must_use]
     pub fn blocks_before(&self, path: &DrivenPath) -> u32 {
-        let time = self.place.or_else(|| path.end_time());
+        let time = self.path_time.or_else(|| path.end_time());
         time.map_or(0, |time| path.blocks_before(time))
     }
 
     /// Whether the last position at rest on the path is not its end. Real-time safe.
     #[must_use]
     pub fn is_retraced(&self) -> bool {
-        self.place.is_some()
+        self.path_time.is_some()
     }
 
     /// Decelerates to rest from the next setpoint on. Real-time safe.
@@ -198,19 +198,19 @@ impl Excursion {
     /// safe.
     pub fn step(
         &mut self,
-        station: &mut SetpointGenerator,
+        generator: &mut SetpointGenerator,
         path: &mut DrivenPath,
         plan: &Setpoint,
     ) -> (Setpoint, Option<ExcursionEnd>) {
-        station.set_override(plan.feed_override);
+        generator.set_override(plan.feed_override);
         let mut line = plan.line;
         let (mut setpoint, ended) = match &mut self.mover {
             Mover::None => {
                 self.rests = self.rests.saturating_add(1);
-                (station.rest(plan.state), None)
+                (generator.rest(plan.state), None)
             }
             Mover::Transfer(transfer) => {
-                let setpoint = station.steer(transfer);
+                let setpoint = generator.steer(transfer);
                 let ended = match setpoint.state {
                     MotionState::Done => Some(ExcursionEnd::Arrived),
                     MotionState::Stopped => Some(ExcursionEnd::Stopped),
@@ -219,7 +219,7 @@ impl Excursion {
                 (setpoint, ended)
             }
             Mover::Path(drive) => {
-                let (jet, joint, at_line) = drive.advance(path, station);
+                let (jet, joint, at_line) = drive.advance(path, generator);
                 line = at_line;
                 let ended = drive.is_over().then_some(if drive.is_stopping {
                     ExcursionEnd::Stopped
@@ -228,12 +228,12 @@ impl Excursion {
                 });
                 if ended.is_some() {
                     let end = path.end_time();
-                    self.place = Some(drive.now).filter(|now| Some(*now) != end);
+                    self.path_time = Some(drive.now).filter(|now| Some(*now) != end);
                 }
-                (station.lead(jet, joint, drive.is_stopping), ended)
+                (generator.lead(jet, joint, drive.is_stopping), ended)
             }
         };
-        let ended = if station.is_quick_stopping() {
+        let ended = if generator.is_quick_stopping() {
             Some(ExcursionEnd::Fault)
         } else {
             ended
@@ -244,26 +244,26 @@ impl Excursion {
             setpoint.state = plan.state;
         }
         if ended.is_some() {
-            self.end(station, path, ended == Some(ExcursionEnd::Fault));
+            self.end(generator, path, ended == Some(ExcursionEnd::Fault));
         }
         (setpoint, ended)
     }
 
     /// Ends a motion. Axes near the position at which they left the path are set to exactly that position.
-    fn end(&mut self, station: &mut SetpointGenerator, path: &mut DrivenPath, by_fault: bool) {
+    fn end(&mut self, generator: &mut SetpointGenerator, path: &mut DrivenPath, by_fault: bool) {
         if matches!(self.mover, Mover::Path(_)) {
             self.mover = Mover::None;
         }
         if by_fault {
             return;
         }
-        station.end();
-        let place = match self.place {
+        generator.end();
+        let point = match self.path_time {
             None => Some(self.held),
-            Some(time) => path.at(time).map(|place| place.jet.position),
+            Some(time) => path.at(time).map(|point| point.jet.position),
         };
-        if let Some(place) = place.filter(|place| is_near(place, &station.position())) {
-            station.rest_at(place);
+        if let Some(point) = point.filter(|point| is_near(point, &generator.position())) {
+            generator.rest_at(point);
         }
     }
 
@@ -278,13 +278,13 @@ impl Excursion {
 
     /// Returns the axes to the program if they have been at rest at its held position for four setpoints. The
     /// excursion is over if this returns `true`. Real-time safe.
-    pub fn give_back(&self, station: &SetpointGenerator, motion: &mut PathExecutor) -> bool {
+    pub fn give_back(&self, generator: &SetpointGenerator, motion: &mut PathExecutor) -> bool {
         let is_back = !self.is_moving()
-            && self.place.is_none()
+            && self.path_time.is_none()
             && self.rests >= SETTLED
-            && station.position() == self.held;
+            && generator.position() == self.held;
         if is_back {
-            motion.rejoin(station.guard());
+            motion.rejoin(generator.guard());
         }
         is_back
     }
@@ -306,28 +306,28 @@ impl PathDrive {
     }
 
     /// The next position and derivatives by time; whether it is at an exact-path joint; its line.
-    fn advance(&mut self, path: &mut DrivenPath, station: &SetpointGenerator) -> (Jet, bool, u32) {
-        let period = station.period();
+    fn advance(&mut self, path: &mut DrivenPath, generator: &SetpointGenerator) -> (Jet, bool, u32) {
+        let period = generator.period();
         self.time += period;
         let (now, jerk) = self.profile.at(self.time);
         let (sign, length) = ((self.to - self.from).signum(), (self.to - self.from).abs());
-        let way = now.x / period;
-        let is_at_end = self.is_over() && (!self.is_stopping || way >= length);
+        let travelled = now.x / period;
+        let is_at_end = self.is_over() && (!self.is_stopping || travelled >= length);
         self.now = if is_at_end {
             self.to
         } else {
-            self.from + sign * way.clamp(0.0, length)
+            self.from + sign * travelled.clamp(0.0, length)
         };
-        let Some(place) = path.at(self.now) else {
-            return (Jet::at_rest(station.position()), false, 0);
+        let Some(point) = path.at(self.now) else {
+            return (Jet::at_rest(generator.position()), false, 0);
         };
         let jet = if self.is_over() {
-            Jet::at_rest(place.jet.position)
+            Jet::at_rest(point.jet.position)
         } else {
             let rate = sign / period;
-            place.jet.compose(rate * now.v, rate * now.a, rate * jerk)
+            point.jet.compose(rate * now.v, rate * now.a, rate * jerk)
         };
-        (jet, place.joint, place.line)
+        (jet, point.joint, point.line)
     }
 }
 

@@ -131,7 +131,7 @@ impl Guard {
     /// # Errors
     /// The first limit that the position would violate.
     pub fn check(&self, position: &Axes, joint: bool, braking: bool) -> Result<(), Violation> {
-        self.check_place(position)?;
+        self.check_position(position)?;
         let (velocity, acceleration, jerk) = self.differences(position);
         let near_joint = joint || self.since_joint < JOINT_CYCLES;
         for i in 0..AXES {
@@ -183,7 +183,7 @@ impl Guard {
     ///
     /// # Errors
     /// The first axis that fails.
-    pub fn check_place(&self, position: &Axes) -> Result<(), Violation> {
+    pub fn check_position(&self, position: &Axes) -> Result<(), Violation> {
         (0..AXES).try_for_each(|i| self.check_axis(i, position[i]))
     }
 
@@ -219,21 +219,22 @@ impl Guard {
         } else {
             self.since_joint.saturating_add(1)
         };
-        let most = &mut self.extremes;
-        let jerk_most = if self.since_joint < JOINT_CYCLES {
-            &mut most.jerk_at_joints
+        let extremes = &mut self.extremes;
+        let jerk_max = if self.since_joint < JOINT_CYCLES {
+            &mut extremes.jerk_at_joints
         } else {
-            &mut most.jerk
+            &mut extremes.jerk
         };
         for i in 0..AXES {
             let noise = noise[i];
-            most.velocity[i] = most.velocity[i].max(first[i] - noise);
-            most.acceleration[i] = most.acceleration[i].max(second[i] - noise * self.rate_hz);
-            jerk_most[i] = jerk_most[i].max(third[i] - noise * self.rate_hz * self.rate_hz);
+            extremes.velocity[i] = extremes.velocity[i].max(first[i] - noise);
+            extremes.acceleration[i] = extremes.acceleration[i].max(second[i] - noise * self.rate_hz);
+            jerk_max[i] = jerk_max[i].max(third[i] - noise * self.rate_hz * self.rate_hz);
         }
-        most.chord_error_mm = most
-            .chord_error_mm
-            .max(sagitta(position, &self.past[0], &self.past[1]));
+        extremes.chord_error_mm =
+            extremes
+                .chord_error_mm
+                .max(sagitta(position, &self.past[0], &self.past[1]));
         self.past = [*position, self.past[0], self.past[1]];
     }
 
@@ -295,14 +296,14 @@ mod tests {
             guard.check(&at(cycle), false, false).expect("within the limits");
             guard.publish(&at(cycle), false);
         }
-        let most = guard.extremes();
+        let extremes = guard.extremes();
         // Rounding is subtracted, so what is reported has been reached.
         assert!(
-            (34.999..=35.0).contains(&most.velocity[3]),
+            (34.999..=35.0).contains(&extremes.velocity[3]),
             "{}",
-            most.velocity[3]
+            extremes.velocity[3]
         );
-        assert_eq!((most.acceleration[3], most.jerk[3]), (0.0, 0.0));
+        assert_eq!((extremes.acceleration[3], extremes.jerk[3]), (0.0, 0.0));
     }
 
     /// A chord of an arc of radius R and angle a has the sagitta R (1 - cos(a / 2)). The speed along the

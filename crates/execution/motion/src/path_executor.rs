@@ -42,7 +42,7 @@ pub struct PathExecutor {
     pub(crate) quick_stop: Option<QuickStop>,
     pub(crate) last: Jet,
     pub(crate) is_rapid: bool,
-    pub(crate) asking: ReplanState,
+    pub(crate) replan: ReplanState,
     /// The plan ahead, for a slowdown.
     pub(crate) preview: PlanPreview,
     /// The plan step before which the axes are at rest and for which another plan may be requested, as the
@@ -76,7 +76,7 @@ impl PathExecutor {
             quick_stop: None,
             last: Jet::at_rest(position),
             is_rapid: false,
-            asking: ReplanState::new(period),
+            replan: ReplanState::new(period),
             preview: PlanPreview::new(&limits),
             rest_step: None,
             lag: PlannerLag::default(),
@@ -90,7 +90,7 @@ impl PathExecutor {
     #[must_use]
     pub fn planned_for(mut self, feed_override: f64) -> Self {
         self.feed_override = checked_override(feed_override);
-        self.asking.planned_for(self.feed_override);
+        self.replan.planned_for(self.feed_override);
         self
     }
 
@@ -220,9 +220,9 @@ impl PathExecutor {
         recorded: PlannerLag,
     ) -> Setpoint {
         self.lag = PlannerLag::default();
-        queue.begin_cycle(recorded.failed_look);
+        queue.begin_cycle(recorded.failed_lookup);
         let setpoint = self.advance_cycle(inputs, queue, recorded.refused);
-        self.lag.failed_look = queue.failed_look();
+        self.lag.failed_lookup = queue.failed_lookup();
         setpoint
     }
 
@@ -265,7 +265,7 @@ impl PathExecutor {
             }
             if self.quick_stop.is_none() {
                 let setpoint = self.publish(cursor, jet, segment.as_ref(), queue);
-                self.ask(inputs, queue);
+                self.request_replan(inputs, queue);
                 if let Some(takeover) = cursor.rest.takeover {
                     self.begin(takeover, queue);
                 }
@@ -330,18 +330,18 @@ impl PathExecutor {
         let target = if brake {
             0.0
         } else {
-            (self.feed_override / self.asking.factor).min(1.0)
+            (self.feed_override / self.replan.factor).min(1.0)
         };
         match &mut cursor.slowdown {
             Some(slowdown) => {
-                if self.asking.has_open() && target > 0.0 && slowdown.is_nearly(target) {
+                if self.replan.has_open() && target > 0.0 && slowdown.is_nearly(target) {
                     return;
                 }
                 if slowdown.lead_to(target) == Lead::FromSteady {
                     self.preview.begin(cursor.step, flow, time);
                 }
                 match slowdown.steady_rate() {
-                    None => self.asking.withdraw(self.sequence, queue),
+                    None => self.replan.withdraw(self.sequence, queue),
                     // The rate is back at 1.
                     Some(rate) if rate >= 1.0 => cursor.slowdown = None,
                     Some(_) => {}
@@ -351,10 +351,10 @@ impl PathExecutor {
                 let rapid = queue
                     .segment(flow.piece.segment)
                     .is_some_and(|segment| segment.marks.rapid);
-                if !brake && (rapid || self.asking.is_waiting_for(self.feed_override)) {
+                if !brake && (rapid || self.replan.is_waiting_for(self.feed_override)) {
                     return;
                 }
-                self.asking.withdraw(self.sequence, queue);
+                self.replan.withdraw(self.sequence, queue);
                 self.preview.begin(cursor.step, flow, time);
                 cursor.slowdown = Some(Slowdown::new(target));
             }

@@ -38,16 +38,16 @@ impl ProbeMove {
     /// The limits of the axes along the line.
     fn limits(&self, limits: &Limits) -> ScalarLimits {
         let direction = self.curve.jet(0.0).first;
-        let least = |of: &Axes| {
+        let min = |of: &Axes| {
             (0..direction.len())
                 .filter(|&axis| limits.present[axis] && direction[axis] != 0.0)
                 .map(|axis| of[axis] / direction[axis].abs())
                 .fold(f64::INFINITY, f64::min)
         };
         ScalarLimits {
-            velocity: self.feed_mm_s.min(least(&limits.velocity)),
-            acceleration: USED_FRACTION * least(&limits.acceleration),
-            jerk: USED_FRACTION * least(&limits.jerk),
+            velocity: self.feed_mm_s.min(min(&limits.velocity)),
+            acceleration: USED_FRACTION * min(&limits.acceleration),
+            jerk: USED_FRACTION * min(&limits.jerk),
         }
     }
 
@@ -92,7 +92,7 @@ pub struct ProbeResult {
     /// Position of the contact, machine coordinates (mm, degrees); without contact, the position of the axes.
     pub position: Axes,
     /// Final position of the axes.
-    pub stands_at: Axes,
+    pub stop_position: Axes,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -175,7 +175,7 @@ impl Probing {
     }
 
     /// Processes the probe: a change counts however short it was.
-    fn look(&mut self, probe: &ProbeInput) {
+    fn observe(&mut self, probe: &ProbeInput) {
         let has_changed = if self.order.toward {
             probe.was_tripped
         } else {
@@ -231,7 +231,7 @@ impl Probing {
 
     /// One period. `brake` for a hold or stop; `factor` scales the feed.
     fn advance(&mut self, probe: &ProbeInput, brake: bool, factor: f64, period: f64) -> Jet {
-        self.look(probe);
+        self.observe(probe);
         match self.phase {
             Phase::Settling(left) if left > 0.0 => self.phase = Phase::Settling(left - period),
             Phase::Settling(_) if brake => {}
@@ -297,12 +297,12 @@ impl Probing {
             }
         }
         if let (Phase::Over, Some(verdict)) = (self.phase, self.verdict) {
-            let stands_at = jet.position;
-            let position = self.contact.unwrap_or(stands_at);
+            let stop_position = jet.position;
+            let position = self.contact.unwrap_or(stop_position);
             self.result = Some(ProbeResult {
                 verdict,
                 position,
-                stands_at,
+                stop_position,
             });
         }
         jet

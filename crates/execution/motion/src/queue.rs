@@ -44,7 +44,7 @@ const CLAIMED: u64 = u64::MAX;
 /// A link that the planner has left open: a tail follows.
 const OPEN: u64 = u64::MAX - 1;
 /// The link of a step that reserves a place for the step after a stop, until that step is linked.
-const PLACE: u64 = u64::MAX - 2;
+const RESERVED: u64 = u64::MAX - 2;
 /// Bit of the link of such a step once a step is linked: the other bits are the successor + 1.
 const TAKEN: u64 = 1 << 63;
 
@@ -52,7 +52,7 @@ const TAKEN: u64 = 1 << 63;
 struct Table {
     exits: Box<[[AtomicU64; 2]]>,
     /// The successor + 1 if it is not simply the next step, otherwise 0; [`OPEN`] or [`CLAIMED`] before a
-    /// tail; for a step that reserves a place [`PLACE`], or the successor + 1 with [`TAKEN`].
+    /// tail; for a step that reserves a place [`RESERVED`], or the successor + 1 with [`TAKEN`].
     links: Box<[AtomicU64]>,
     committed: AtomicU64,
     complete: AtomicU64,
@@ -126,7 +126,7 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         taken_steps: 0,
         taken_segments: 0,
         taken_marks: 0,
-        looks: Looks::default(),
+        lookups: PlanLookups::default(),
         settled_up_to: 0,
     };
     (producer, consumer)
@@ -230,14 +230,14 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         self.table.link(from).store(OPEN, Ordering::Release);
     }
 
-    fn keep_place(&mut self) -> Result<(), QueueClosed> {
-        self.append(&Step::Wait, PLACE)
+    fn reserve_link(&mut self) -> Result<(), QueueClosed> {
+        self.append(&Step::Wait, RESERVED)
     }
 
     fn link(&mut self, from: u64, to: u64) -> bool {
         let link = self.table.link(from);
         let exchange = |from, to| link.compare_exchange(from, to, Ordering::AcqRel, Ordering::Acquire);
-        exchange(OPEN, to + 1).is_ok() || exchange(PLACE, (to + 1) | TAKEN).is_ok()
+        exchange(OPEN, to + 1).is_ok() || exchange(RESERVED, (to + 1) | TAKEN).is_ok()
     }
 
     fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
@@ -297,7 +297,7 @@ pub struct PlanConsumer {
     taken_steps: u64,
     taken_segments: u64,
     taken_marks: u64,
-    looks: Looks,
+    lookups: PlanLookups,
     /// The step after the last end that was found continued: later looks at it give the same result.
     settled_up_to: u64,
 }
@@ -305,7 +305,7 @@ pub struct PlanConsumer {
 /// The looks of a cycle at the plan. In real time the planner may not have finished what a look needs; a
 /// recomputed cycle gets the same result as the recorded one.
 #[derive(Debug, Default)]
-struct Looks {
+struct PlanLookups {
     /// Number of successful looks. It saturates at a number that no cycle reaches.
     found: u8,
     /// Number of the first look that failed: all later ones fail too.
@@ -315,33 +315,33 @@ struct Looks {
 }
 
 impl PlanConsumer {
-    /// Begins a cycle in which look number `failed_look` fails, as in the recorded cycle.
-    pub(crate) fn begin_cycle(&mut self, failed_look: Option<u8>) {
-        self.looks = Looks {
-            recorded: failed_look,
-            ..Looks::default()
+    /// Begins a cycle in which look number `failed_lookup` fails, as in the recorded cycle.
+    pub(crate) fn begin_cycle(&mut self, failed_lookup: Option<u8>) {
+        self.lookups = PlanLookups {
+            recorded: failed_lookup,
+            ..PlanLookups::default()
         };
     }
 
     /// Number of the look of this cycle that failed.
-    pub(crate) fn failed_look(&self) -> Option<u8> {
-        self.looks.failed
+    pub(crate) fn failed_lookup(&self) -> Option<u8> {
+        self.lookups.failed
     }
 
     /// Records a look; returns whether it succeeds.
-    pub(crate) fn look(&mut self, is_there: bool) -> bool {
+    pub(crate) fn record_lookup(&mut self, is_there: bool) -> bool {
         if self.fails_again() || !is_there {
-            self.looks.failed.get_or_insert(self.looks.found);
+            self.lookups.failed.get_or_insert(self.lookups.found);
             return false;
         }
-        self.looks.found = self.looks.found.saturating_add(1);
+        self.lookups.found = self.lookups.found.saturating_add(1);
         true
     }
 
     /// Whether the next look fails regardless of the plan.
     fn fails_again(&self) -> bool {
-        let looks = &self.looks;
-        looks.failed.is_some() || looks.recorded.is_some_and(|number| looks.found >= number)
+        let lookups = &self.lookups;
+        lookups.failed.is_some() || lookups.recorded.is_some_and(|number| lookups.found >= number)
     }
 
     /// Step number `index`, counted from the first step of the queue; `None` if it has not arrived or was
@@ -387,7 +387,7 @@ impl PlanConsumer {
             return Some(index);
         }
         match self.table.link(index).load(Ordering::Acquire) {
-            PLACE => None,
+            RESERVED => None,
             OPEN | CLAIMED => Some(index),
             link if link & TAKEN != 0 => Some((link & !TAKEN) - 1),
             _ => Some(index),
@@ -439,7 +439,7 @@ impl PlanConsumer {
             if is_left_open {
                 self.table.link(index).store(CLAIMED, Ordering::Release);
             }
-            self.look(false);
+            self.record_lookup(false);
             return (index + 1, true);
         }
         let (next, is_final) = self.claim_successor(index);
@@ -447,7 +447,7 @@ impl PlanConsumer {
         if !is_end && occupant.is_some() {
             return (next, false);
         }
-        if self.look(occupant.is_some()) {
+        if self.record_lookup(occupant.is_some()) {
             self.settled_up_to = index + 1;
         }
         (occupant.unwrap_or(next), occupant.is_none())
@@ -490,13 +490,13 @@ impl PlanConsumer {
 
     /// Whether the queue has capacity for a request.
     #[must_use]
-    pub fn can_ask(&self) -> bool {
+    pub fn can_request(&self) -> bool {
         !self.requests.is_full()
     }
 
     /// Sends a request to the planner. Returns `false` if the queue is full, which only happens without a
     /// planner.
-    pub fn ask(&mut self, request: ReplanRequest) -> bool {
+    pub fn send_request(&mut self, request: ReplanRequest) -> bool {
         // Replies to withdrawn requests are not read, and must not take the capacity of the reply to this
         // one.
         while self.replies.pop().is_ok() {}

@@ -37,11 +37,11 @@ impl QuickStop {
             }
             let sign = if velocity < 0.0 { -1.0 } else { 1.0 };
             // An acceleration that the guard has accepted is kept: reducing it at once would be a step.
-            let most = SLACK * limits.acceleration[i];
+            let max = SLACK * limits.acceleration[i];
             let state = ScalarState {
                 x: 0.0,
                 v: velocity.abs(),
-                a: (sign * acceleration).clamp(-most, most),
+                a: (sign * acceleration).clamp(-max, max),
             };
             let bound = limits.acceleration[i].max(state.a.abs());
             let left = if velocity < 0.0 {
@@ -89,17 +89,17 @@ impl QuickStop {
     /// Real-time safe.
     pub(crate) fn advance_within(&mut self, guard: &Guard, period: f64) -> (Jet, bool) {
         let mut jet = self.advance(period);
-        let mut stands = false;
+        let mut is_at_edge = false;
         for i in 0..AXES {
             if guard.check_axis(i, jet.position[i]).is_err() {
-                stands = true;
+                is_at_edge = true;
                 self.from[i] = guard.past()[0][i];
                 self.axes[i] = (Profile::at_rest(0.0), 1.0);
                 jet.position[i] = self.from[i];
                 (jet.first[i], jet.second[i], jet.third[i]) = (0.0, 0.0, 0.0);
             }
         }
-        (jet, stands)
+        (jet, is_at_edge)
     }
 }
 

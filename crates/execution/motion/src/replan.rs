@@ -42,7 +42,7 @@ pub(crate) struct ReplanState {
     /// The override for which the pieces ahead are planned.
     pub(crate) factor: f64,
     open: Option<PendingReplan>,
-    asked: u64,
+    requested: u64,
     /// The plan step at which the last reply at rest continues.
     answered_at: Option<u64>,
     /// Number of consecutive requests without success.
@@ -62,7 +62,7 @@ impl ReplanState {
         Self {
             factor: 1.0,
             open: None,
-            asked: 0,
+            requested: 0,
             answered_at: None,
             unanswered: 0,
             not_before: 0,
@@ -120,29 +120,29 @@ impl PathExecutor {
     /// driven even if the override has changed since: otherwise an override that changes in every cycle would
     /// never let the axes start.
     pub(crate) fn plan_fits(&self, step: u64, brake: bool) -> bool {
-        let asking = &self.asking;
+        let asking = &self.replan;
         let is_wanted = asking.factor == self.feed_override || asking.answered_at == Some(step);
         asking.open.is_none() && !brake && is_wanted
     }
 
     /// Takes over a reply that is due. `refused`: the reply failed in the recorded cycle.
     pub(crate) fn take_answer(&mut self, cursor: &mut Cursor, queue: &mut PlanConsumer, refused: bool) {
-        let Some(open) = self.asking.open else { return };
+        let Some(open) = self.replan.open else { return };
         let reply = match open.after {
             Some(after) if self.sequence <= after => return,
             _ => queue.reply(open.id),
         };
         // At rest the cycle can wait.
-        if open.after.is_none() && !queue.look(reply.is_some()) {
+        if open.after.is_none() && !queue.record_lookup(reply.is_some()) {
             return;
         }
         match reply {
             // The axes are stopping or at rest: they do not reach the position for which the reply was made.
             Some(_) if open.after.is_some() && (cursor.state == MotionState::Fault || cursor.is_still()) => {
-                self.asking.withdraw(self.sequence, queue);
+                self.replan.withdraw(self.sequence, queue);
             }
             Some(reply) => {
-                self.asking.open = None;
+                self.replan.open = None;
                 let step = reply.step.filter(|_| !refused);
                 match step.map(|step| (step, queue.step(step))) {
                     // In motion the next piece must be there; at rest it may arrive later.
@@ -151,8 +151,8 @@ impl PathExecutor {
                         cursor.starved = false;
                         cursor.slowdown = None;
                         cursor.start(flow);
-                        self.asking.factor = open.factor;
-                        self.asking.is_met();
+                        self.replan.factor = open.factor;
+                        self.replan.is_met();
                         queue.acknowledge_replan(open.id);
                     }
                     // Taking over the reply frees the queue of the steps before it, which the planner may
@@ -160,12 +160,12 @@ impl PathExecutor {
                     // cycle, whether or not it has arrived.
                     Some((step, _)) if open.after.is_none() => {
                         cursor.step = step;
-                        self.asking.answered_at = Some(step);
+                        self.replan.answered_at = Some(step);
                         cursor.rest.stays = true;
                         cursor.starved = false;
                         cursor.slowdown = None;
-                        self.asking.factor = open.factor;
-                        self.asking.is_met();
+                        self.replan.factor = open.factor;
+                        self.replan.is_met();
                         queue.acknowledge_replan(open.id);
                     }
                     _ => self.refuse(open, queue),
@@ -173,7 +173,7 @@ impl PathExecutor {
             }
             // Recorded as refused: later waiting shows in the trace as a failed look.
             None => {
-                self.asking.open = None;
+                self.replan.open = None;
                 self.refuse(open, queue);
             }
         }
@@ -182,17 +182,17 @@ impl PathExecutor {
     /// A request has failed.
     fn refuse(&mut self, request: PendingReplan, queue: &PlanConsumer) {
         self.lag.refused = true;
-        self.asking.not_before = self.sequence + self.asking.lead;
-        self.asking.miss();
+        self.replan.not_before = self.sequence + self.replan.lead;
+        self.replan.miss();
         if request.after.is_some() {
-            self.asking.waste(request.id, self.sequence, queue);
+            self.replan.waste(request.id, self.sequence, queue);
         }
     }
 
     /// Sends a request if the pieces ahead are not planned for the present override.
-    pub(crate) fn ask(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) {
+    pub(crate) fn request_replan(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) {
         let cursor = self.cursor;
-        if self.asking.open.is_some()
+        if self.replan.open.is_some()
             || self.quick_stop.is_some()
             || matches!(
                 cursor.state,
@@ -204,8 +204,8 @@ impl PathExecutor {
         if self.stop_requested(&cursor, inputs) || self.feed_override == 0.0 {
             return;
         }
-        let needs_other = self.feed_override != self.asking.factor;
-        if self.sequence < self.asking.not_before {
+        let needs_other = self.feed_override != self.replan.factor;
+        if self.sequence < self.replan.not_before {
             return;
         }
         match cursor.drive {
@@ -216,13 +216,13 @@ impl PathExecutor {
                     Some(slowdown) => slowdown.steady_rate().filter(|rate| *rate > 0.0),
                 };
                 let fits = !needs_other && !cursor.starved && cursor.slowdown.is_none();
-                let may_ask = self.sequence >= self.asking.waste_until && !queue.has_no_planner();
-                let Some(rate) = rate.filter(|_| !fits && may_ask) else {
+                let may_request = self.sequence >= self.replan.waste_until && !queue.has_no_planner();
+                let Some(rate) = rate.filter(|_| !fits && may_request) else {
                     return;
                 };
-                let seconds = self.period * self.asking.lead as f64;
+                let seconds = self.period * self.replan.lead as f64;
                 let from = (cursor.step, flow, time + rate * seconds);
-                if let Some((step, flow, time)) = self.foresee(from, queue) {
+                if let Some((step, flow, time)) = self.predict(from, queue) {
                     let (state, jerk) = flow.piece.law.at(time);
                     let steady = Scale {
                         rate,
@@ -231,10 +231,10 @@ impl PathExecutor {
                     };
                     let (state, _) = steady.apply(state, jerk);
                     // The last setpoint is number `sequence - 1`.
-                    let after = self.sequence - 1 + self.asking.lead;
+                    let after = self.sequence - 1 + self.replan.lead;
                     let request = ReplanRequest {
                         rate,
-                        ..place(step, &flow, state.x, state.v, state.a)
+                        ..request_at(step, &flow, state.x, state.v, state.a)
                     };
                     self.send(Some(after), request, queue);
                 }
@@ -243,10 +243,14 @@ impl PathExecutor {
             ActiveMotion::Still => match self.rest_step {
                 // A stop has ended within a piece.
                 Some(Step::TimedSegment(flow)) if cursor.slowdown.is_some() => {
-                    self.send(None, place(cursor.step, &flow, cursor.rest.x, 0.0, 0.0), queue);
+                    self.send(
+                        None,
+                        request_at(cursor.step, &flow, cursor.rest.x, 0.0, 0.0),
+                        queue,
+                    );
                 }
                 Some(Step::TimedSegment(flow)) if needs_other => {
-                    self.send(None, place(cursor.step, &flow, 0.0, 0.0, 0.0), queue);
+                    self.send(None, request_at(cursor.step, &flow, 0.0, 0.0, 0.0), queue);
                 }
                 Some(Step::Wait) => {
                     let rest = ReplanRequest {
@@ -266,7 +270,7 @@ impl PathExecutor {
     /// The step and piece that contain the point `time` seconds after the start of `flow`, which is plan step
     /// `step`, and the time since the start of that piece; `None` if the axes stop before. Settles the
     /// successors up to there.
-    fn foresee(
+    fn predict(
         &mut self,
         (mut step, mut flow, mut time): (u64, TimedSegment, f64),
         queue: &mut PlanConsumer,
@@ -289,22 +293,22 @@ impl PathExecutor {
         None
     }
 
-    fn send(&mut self, after: Option<u64>, place: ReplanRequest, queue: &mut PlanConsumer) {
-        self.asking.asked += 1;
+    fn send(&mut self, after: Option<u64>, draft: ReplanRequest, queue: &mut PlanConsumer) {
+        self.replan.requested += 1;
         let request = ReplanRequest {
-            id: self.asking.asked,
+            id: self.replan.requested,
             rests: self.cursor.rest.passed,
             feed_factor: self.feed_override,
-            ..place
+            ..draft
         };
-        if queue.ask(request) {
-            self.asking.open = Some(PendingReplan {
+        if queue.send_request(request) {
+            self.replan.open = Some(PendingReplan {
                 id: request.id,
                 factor: request.feed_factor,
                 after,
             });
         } else {
-            self.asking.miss();
+            self.replan.miss();
         }
     }
 
@@ -323,7 +327,7 @@ impl PathExecutor {
             None | Some(Step::Wait) => false,
             Some(_) => queue.is_final(step),
         };
-        self.asking.open.is_some() || !goes_on
+        self.replan.open.is_some() || !goes_on
     }
 
     /// Whether everything that the next step can read is final, so that it does not depend on the speed of
@@ -361,12 +365,12 @@ impl PathExecutor {
         }
         // With the virtual clock a request that does not fit is made in the next step: the planner takes the
         // older ones.
-        if !queue.can_ask() && !queue.has_no_planner() {
+        if !queue.can_request() && !queue.has_no_planner() {
             return false;
         }
         let mut step = from;
         let mut answered = None;
-        if let Some(open) = self.asking.open {
+        if let Some(open) = self.replan.open {
             let due = open.after.is_none_or(|after| self.sequence > after);
             let is_moving = matches!(cursor.drive, ActiveMotion::TimedSegment { .. });
             if !due && is_moving {
@@ -426,7 +430,7 @@ impl PathExecutor {
             },
         };
         // Everything that the step, or a request that it makes, can read.
-        let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration_s;
+        let mut left = time + self.period * (2 * self.replan.lead + 4) as f64 - flow.piece.duration_s;
         if cursor.slowdown.is_some() && answered.is_none() {
             left += self.preview.longest_s();
         }
@@ -466,7 +470,7 @@ pub(crate) const EMPTY: ReplanRequest = ReplanRequest {
 };
 
 /// A request at parameter `x` of a piece, which is plan step `step`.
-fn place(step: u64, flow: &TimedSegment, x: f64, v: f64, a: f64) -> ReplanRequest {
+fn request_at(step: u64, flow: &TimedSegment, x: f64, v: f64, a: f64) -> ReplanRequest {
     ReplanRequest {
         step,
         segment: flow.piece.segment,

@@ -9,7 +9,7 @@ use crate::setpoint::{Inputs, Setpoint};
 pub struct PlannerLag {
     /// Number, within the step, of the first look at the plan that found something unfinished: the axes
     /// stayed at rest, or entered a tail. 255 stands for all larger numbers.
-    pub failed_look: Option<u8>,
+    pub failed_lookup: Option<u8>,
     /// A request failed: the planner found no plan, or was too late.
     pub refused: bool,
 }

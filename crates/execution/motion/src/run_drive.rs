@@ -117,16 +117,16 @@ impl RunDrive {
         let exits = queue.exit(at.step);
         let alone = || Solution::alone(Profile::brake(from, self.length, exits.doubled, &self.limits));
         if from.stopping_distance(&self.limits) <= self.length - from.x
-            || !queue.look(queue.has_final(at.step, MAX_RUNS as u64))
+            || !queue.record_lookup(queue.has_final(at.step, MAX_RUNS as u64))
         {
             return Some(alone()).filter(|solution| self.accepts(solution));
         }
         let mut chain = RunChain::new(self, from, pace, at, exits.doubled);
-        let mut most = 0;
+        let mut last_run = 0;
         while chain.extend(queue) {
             let last = chain.last();
             if from.stopping_distance(&last.limits) > last.end - from.x {
-                most = chain.count - 1;
+                last_run = chain.count - 1;
                 continue;
             }
             let profile = Profile::brake(from, last.end, 0.0, &last.limits);
@@ -139,28 +139,28 @@ impl RunDrive {
                     });
                 }
                 Some(run) => {
-                    most = run - 1;
+                    last_run = run - 1;
                     break;
                 }
             }
         }
         for _ in 0..MAX_ATTEMPTS {
-            if most == 0 {
+            if last_run == 0 {
                 break;
             }
             let RunEnd {
                 end, limits, exit, ..
-            } = chain.runs[most];
+            } = chain.runs[last_run];
             let profile = Profile::brake(from, end, exit, &limits);
-            let too_fast = chain.first_too_fast(&profile, most);
+            let too_fast = chain.first_too_fast(&profile, last_run);
             if profile.outcome() != Outcome::Overruns && too_fast.is_none() {
                 return Some(Solution {
                     profile,
-                    span: most,
+                    span: last_run,
                     levels: false,
                 });
             }
-            most = too_fast.map_or(most / 2, |run| run - 1);
+            last_run = too_fast.map_or(last_run / 2, |run| run - 1);
         }
         Some(alone()).filter(|solution| self.accepts(solution))
     }
@@ -183,7 +183,7 @@ impl RunDrive {
         if self.accepts(&alone) {
             return Some(alone);
         }
-        if !queue.look(queue.has_final(at.step, MAX_RUNS as u64)) {
+        if !queue.record_lookup(queue.has_final(at.step, MAX_RUNS as u64)) {
             return None;
         }
         let mut chain = RunChain::new(self, from, pace, at, exits.doubled);

@@ -109,7 +109,7 @@ impl SetpointGenerator {
 
     /// Sets the state at rest at `position`, with `sequence` the number of the next setpoint and `path_mm`
     /// the path of the last job, to recompute a recording from a point in the middle.
-    pub fn place_at(&mut self, limits: Limits, sequence: u64, position: Axes, path_mm: f64) {
+    pub fn restart_at(&mut self, limits: Limits, sequence: u64, position: Axes, path_mm: f64) {
         self.relocate(limits, position);
         self.quick_stop = None;
         self.fault = None;
@@ -119,11 +119,11 @@ impl SetpointGenerator {
     /// One setpoint at rest, or of axes that are stopping on their own.
     pub fn rest(&mut self, state: MotionState) -> Setpoint {
         if let Some(stop) = &mut self.quick_stop {
-            let (jet, stands) = stop.advance_within(&self.guard, self.period);
+            let (jet, is_at_edge) = stop.advance_within(&self.guard, self.period);
             if stop.is_over() {
                 self.quick_stop = None;
             }
-            let bits = if stands { flags::GUARD } else { 0 };
+            let bits = if is_at_edge { flags::GUARD } else { 0 };
             return self.publish(jet, MotionState::Stopping, bits);
         }
         let jet = Jet::at_rest(self.last.position);
@@ -217,7 +217,7 @@ impl SetpointGenerator {
     fn publish_near(&mut self, mut jet: Jet, state: MotionState, bits: u32, joint: bool) -> Setpoint {
         // The travel is the last limit: beyond it the only action left is to stand still.
         let mut bits = if joint { bits | flags::JOINT } else { bits };
-        if self.guard.check_place(&jet.position).is_err() {
+        if self.guard.check_position(&jet.position).is_err() {
             jet = Jet::at_rest(self.guard.past()[0]);
             self.quick_stop = None;
             bits |= flags::GUARD;

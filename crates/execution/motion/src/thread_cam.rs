@@ -133,7 +133,7 @@ impl ThreadCam {
                 shaped_for: speed,
             };
         }
-        self.check_room()
+        self.check_run_in()
     }
 
     /// Rounds corners ahead again if the spindle has become faster than the speed for which they were
@@ -156,7 +156,7 @@ impl ThreadCam {
         }
     }
 
-    fn check_room(&self) -> Result<(), ThreadObjection> {
+    fn check_run_in(&self) -> Result<(), ThreadObjection> {
         let mut from = self.start;
         for (index, leg) in self.legs.iter().enumerate() {
             let before = self.corners[index].half();
@@ -220,12 +220,12 @@ impl ThreadCam {
     /// Maximum distance of the axes per turn, mm.
     pub(crate) fn steepest(&self) -> f64 {
         let mut from = self.start;
-        let mut most: f64 = 0.0;
+        let mut max: f64 = 0.0;
         for leg in &self.legs {
-            most = most.max(((leg.end - from) / leg.turns).abs().max());
+            max = max.max(((leg.end - from) / leg.turns).abs().max());
             from = leg.end;
         }
-        most
+        max
     }
 
     /// Position and derivatives by turns. Real-time safe.
@@ -254,9 +254,9 @@ fn widths(change: &Axes, speed: f64, limits: &Limits, period_s: f64) -> (f64, f6
     }
     // The acceleration is the step divided by the wider box, the jerk by both. Each part is at least two
     // setpoints long.
-    let least_s = 2.0 * period_s;
-    let wide = by_acceleration.max(by_jerk.sqrt()).max(least_s);
-    let narrow = (by_jerk / wide).max(least_s).min(wide);
+    let min_s = 2.0 * period_s;
+    let wide = by_acceleration.max(by_jerk.sqrt()).max(min_s);
+    let narrow = (by_jerk / wide).max(min_s).min(wide);
     (speed * wide, speed * narrow)
 }
 

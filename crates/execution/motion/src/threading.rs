@@ -123,7 +123,7 @@ pub struct ThreadResult {
     /// How the pass has ended.
     pub verdict: ThreadVerdict,
     /// Final position of the axes.
-    pub stands_at: Axes,
+    pub stop_position: Axes,
     /// It was given up, and the tool was retracted from the thread.
     pub is_clear: bool,
     /// Maximum distance of an axis from the position for the spindle angle, mm, once it was in phase.
@@ -300,17 +300,18 @@ impl Threading {
     fn angle(&self, spindle: &SpindleInput) -> Option<(AngleJet, f64)> {
         match spindle.knowledge {
             SpindleKnowledge::Tracked | SpindleKnowledge::Imagined => {
-                let way = self.turns_per_s.signum();
+                let direction = self.turns_per_s.signum();
                 let (mut angle, mut third) = (spindle.mean, 0.0);
-                for ((order, ripple), share) in spindle.ripple.iter().enumerate().zip(self.followed_fractions)
+                for ((order, ripple), fraction) in
+                    spindle.ripple.iter().enumerate().zip(self.followed_fractions)
                 {
                     let rate = std::f64::consts::TAU * (order + 1) as f64 * spindle.mean[1];
                     for (value, ripple) in angle.iter_mut().zip(ripple) {
-                        *value += share * ripple;
+                        *value += fraction * ripple;
                     }
-                    third -= share * rate * rate * ripple[1];
+                    third -= fraction * rate * rate * ripple[1];
                 }
-                Some((angle.map(|value| way * value), way * third))
+                Some((angle.map(|value| direction * value), direction * third))
             }
             SpindleKnowledge::Unknown | SpindleKnowledge::Seeking => None,
         }
@@ -319,7 +320,7 @@ impl Threading {
     /// Chooses the fractions of the spindle's ripple that the axes can follow.
     fn choose_ripple(&mut self, spindle: &SpindleInput) {
         let steepest = self.cam.steepest();
-        for ((order, ripple), share) in spindle
+        for ((order, ripple), fraction) in spindle
             .ripple
             .iter()
             .enumerate()
@@ -327,19 +328,19 @@ impl Threading {
         {
             let rate = std::f64::consts::TAU * (order + 1) as f64 * spindle.mean[1].abs();
             let amplitude = steepest * libm::hypot(ripple[0], ripple[1] / rate);
-            *share = 1.0;
+            *fraction = 1.0;
             for axis in 0..AXES {
                 if self.limits.present[axis] {
                     let jerk = amplitude * rate * rate * rate;
                     let acceleration = amplitude * rate * rate;
-                    *share = share
+                    *fraction = fraction
                         .min(RIPPLE_FRACTION * self.limits.jerk[axis] / jerk)
                         .min(RIPPLE_FRACTION * self.limits.acceleration[axis] / acceleration);
                 }
             }
             // A ripple of zero gives NaN.
-            if share.is_nan() {
-                *share = 1.0;
+            if fraction.is_nan() {
+                *fraction = 1.0;
             }
         }
     }
@@ -493,13 +494,9 @@ impl Threading {
             ];
             let (limit_a, limit_j) = (self.limits.acceleration[axis], self.limits.jerk[axis]);
             let jerk = j + rate * (3.0 * errors[2] + rate * (3.0 * errors[1] + rate * errors[0]));
-            let most = ((limit_a - before.second[axis]) / t).min(limit_j);
-            let least = ((-limit_a - before.second[axis]) / t).max(-limit_j);
-            let jerk = if least <= most {
-                jerk.clamp(least, most)
-            } else {
-                0.0
-            };
+            let max = ((limit_a - before.second[axis]) / t).min(limit_j);
+            let min = ((-limit_a - before.second[axis]) / t).max(-limit_j);
+            let jerk = if min <= max { jerk.clamp(min, max) } else { 0.0 };
             self.now.third[axis] = jerk;
             self.now.second[axis] = before.second[axis] + t * jerk;
             self.now.first[axis] = before.first[axis] + t * (before.second[axis] + 0.5 * t * jerk);
@@ -547,7 +544,7 @@ impl Threading {
         if let Phase::Over(verdict) = self.phase {
             self.result = Some(ThreadResult {
                 verdict,
-                stands_at: self.now.position,
+                stop_position: self.now.position,
                 is_clear: verdict != ThreadVerdict::Done
                     && self
                         .clear_at

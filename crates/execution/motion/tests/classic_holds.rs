@@ -105,7 +105,7 @@ struct Hands {
     next: usize,
     period_s: f64,
     /// The maximum override so far.
-    most: f64,
+    max: f64,
 }
 
 impl Hands {
@@ -115,7 +115,7 @@ impl Hands {
             inputs: Inputs::default(),
             next: 0,
             period_s,
-            most: 1.0,
+            max: 1.0,
         }
     }
 
@@ -127,7 +127,7 @@ impl Hands {
                 1 => self.inputs.feed_override = random.between(0.01, 2.0),
                 _ => self.inputs.hold = !self.inputs.hold,
             }
-            self.most = self.most.max(self.inputs.feed_override);
+            self.max = self.max.max(self.inputs.feed_override);
             // From one cycle to longer than any stop.
             self.next = cycle + 1 + (random.log(1e-4, 0.5) / self.period_s) as usize;
             if cycle as f64 * self.period_s > 20.0 {
@@ -142,7 +142,7 @@ impl Hands {
 #[test]
 fn holds_and_overrides_keep_limits_with_any_planner() {
     let (mut random, cases) = campaign(0x1402_0001, 60);
-    let mut most = [0.0_f64; 3];
+    let mut max = [0.0_f64; 3];
     for case in 0..cases {
         let rate = [250.0, 1000.0, 4000.0][case % 3];
         let moves = match case / 3 % 4 {
@@ -213,9 +213,9 @@ fn holds_and_overrides_keep_limits_with_any_planner() {
             }
             let block = setpoint.block as usize;
             let near = &scenario.moves[block.saturating_sub(1)..(block + 2).min(scenario.moves.len())];
-            let feed = near.iter().fold(0.0_f64, |most, one| most.max(one.feed_mm_s));
+            let feed = near.iter().fold(0.0_f64, |max, one| max.max(one.feed_mm_s));
             assert!(
-                setpoint.feed_mm_s <= feed * hands.most * 1.001 + 1e-6,
+                setpoint.feed_mm_s <= feed * hands.max * 1.001 + 1e-6,
                 "{what}: {} mm/s of {feed} at {cycle}",
                 setpoint.feed_mm_s
             );
@@ -224,11 +224,11 @@ fn holds_and_overrides_keep_limits_with_any_planner() {
         }
         check(&scenario, &out, &pair.motion, 0.05, &what);
         assert_repeats(&scenario, &met, &out, &what);
-        for (most, ratio) in most.iter_mut().zip(ratios(&scenario, &out)) {
-            *most = most.max(ratio);
+        for (max, ratio) in max.iter_mut().zip(ratios(&scenario, &out)) {
+            *max = max.max(ratio);
         }
     }
-    println!("worst ratios of velocity, acceleration, jerk: {most:.5?}");
+    println!("worst ratios of velocity, acceleration, jerk: {max:.5?}");
 }
 
 /// The same inputs give the same setpoints if the planner is far ahead and replayed with its recorded lag.

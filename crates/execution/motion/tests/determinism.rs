@@ -187,7 +187,7 @@ fn a_hold_on_a_line_takes_the_least_time() {
             .iter()
             .position(|s| s.sequence >= moment && s.velocity.amax() == 0.0)
             .expect("comes to rest");
-        let least = if velocity <= acceleration * acceleration / jerk {
+        let min = if velocity <= acceleration * acceleration / jerk {
             2.0 * (velocity / jerk).sqrt()
         } else {
             acceleration / jerk + velocity / acceleration
@@ -195,8 +195,8 @@ fn a_hold_on_a_line_takes_the_least_time() {
         let took = (rest - moment as usize + 1) as f64 * 250e-6;
         // A hundredth of the jerk is a margin; plus the cycle in which the hold arrives.
         assert!(
-            took >= least && took <= least * 1.006 + 2.0 * 250e-6,
-            "{took} s, at least {least} s"
+            took >= min && took <= min * 1.006 + 2.0 * 250e-6,
+            "{took} s, at least {min} s"
         );
     }
 }

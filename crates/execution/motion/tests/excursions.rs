@@ -17,7 +17,7 @@ use crate::common::{BLEND, PLANNERS, Pair, Random, Scenario, campaign, path_erro
 struct Machine<'a> {
     scenario: &'a Scenario,
     pair: Pair,
-    station: SetpointGenerator,
+    generator: SetpointGenerator,
     driven: DrivenPath,
     out: Vec<Setpoint>,
 }
@@ -25,16 +25,16 @@ struct Machine<'a> {
 impl<'a> Machine<'a> {
     fn new(scenario: &'a Scenario) -> Self {
         let mut pair = Pair::new(scenario);
-        let station = SetpointGenerator::new(
+        let generator = SetpointGenerator::new(
             scenario.limits,
             scenario.period_ns,
             scenario.moves[0].curve.start(),
         );
-        assert!(station.attach(&mut pair.motion));
+        assert!(generator.attach(&mut pair.motion));
         Self {
             scenario,
             pair,
-            station,
+            generator,
             driven: DrivenPath::new(scenario.period_ns),
             out: Vec::new(),
         }
@@ -51,7 +51,7 @@ impl<'a> Machine<'a> {
         };
         let plan = self.pair.step(&inputs);
         let Some(away) = away else {
-            self.station.follow(&self.pair.motion, &plan);
+            self.generator.follow(&self.pair.motion, &plan);
             let before = calls();
             self.pair.motion.note_driven(&mut self.driven, &plan, false);
             assert_eq!(calls(), before, "calls of the allocator");
@@ -59,7 +59,7 @@ impl<'a> Machine<'a> {
             return (plan, None);
         };
         let before = calls();
-        let (setpoint, ended) = away.step(&mut self.station, &mut self.driven, &plan);
+        let (setpoint, ended) = away.step(&mut self.generator, &mut self.driven, &plan);
         assert_eq!(calls(), before, "calls of the allocator");
         assert_eq!(setpoint.sequence, plan.sequence);
         assert_eq!(
@@ -97,10 +97,10 @@ impl<'a> Machine<'a> {
     }
 
     fn jogs(&mut self, away: &mut Excursion, to: Axes, stop_after: Option<usize>) -> ExcursionEnd {
-        let from = AxesState::at_rest(self.station.position());
+        let from = AxesState::at_rest(self.generator.position());
         let transfer = Transfer::solve(&self.scenario.limits, &from, &AxesState::at_rest(to), Sync::Time)
             .expect("a way");
-        let steered = away.steer(&self.station, Box::new(TransferExecutor::new(transfer)));
+        let steered = away.steer(&self.generator, Box::new(TransferExecutor::new(transfer)));
         assert!(steered.is_ok(), "refused");
         self.follows(away, stop_after)
     }
@@ -108,19 +108,19 @@ impl<'a> Machine<'a> {
     /// Until the axes are back at the program.
     fn is_back(&mut self, away: &mut Excursion) {
         for _ in 0..10 {
-            if away.give_back(&self.station, &mut self.pair.motion) {
+            if away.give_back(&self.generator, &mut self.pair.motion) {
                 // The guard uses four positions.
                 let rests = self.out.iter().rev().take(4);
                 let held = self.pair.motion.next_sequence();
-                assert!(rests.clone().count() == 4 && held == self.station.sequence());
+                assert!(rests.clone().count() == 4 && held == self.generator.sequence());
                 for setpoint in rests {
-                    assert_eq!(setpoint.position.as_slice(), self.station.position().as_slice());
+                    assert_eq!(setpoint.position.as_slice(), self.generator.position().as_slice());
                 }
                 return;
             }
             self.step(true, Some(away));
         }
-        panic!("not back: {:?}", self.station.position());
+        panic!("not back: {:?}", self.generator.position());
     }
 
     fn ends(&mut self) {
@@ -188,7 +188,7 @@ fn a_left_program_continues_bit_for_bit() {
         }
         plain.holds();
         machine.holds();
-        let held = machine.station.position();
+        let held = machine.generator.position();
         let mut away = Excursion::begin(&machine.pair.motion).expect("it stands");
         left += 1;
         let begin = machine.out.len();
@@ -197,8 +197,8 @@ fn a_left_program_continues_bit_for_bit() {
         if known > 0 && random.unit() < 0.7 {
             let back = 1 + random.pick(known as usize) as u32;
             let before = machine.out.len();
-            assert!(away.retrace(&machine.station, &mut machine.driven, &scenario.limits, back));
-            assert!(!away.retrace(&machine.station, &mut machine.driven, &scenario.limits, back));
+            assert!(away.retrace(&machine.generator, &mut machine.driven, &scenario.limits, back));
+            assert!(!away.retrace(&machine.generator, &mut machine.driven, &scenario.limits, back));
             let stop = (random.unit() < 0.3).then(|| random.pick(200));
             let end = machine.follows(&mut away, stop);
             assert!(end == ExcursionEnd::Arrived || stop.is_some());
@@ -216,31 +216,31 @@ fn a_left_program_continues_bit_for_bit() {
                 );
             }
         }
-        let mut places = vec![machine.station.position()];
+        let mut positions = vec![machine.generator.position()];
         for _ in 0..random.pick(4) {
-            let mut to = *places.last().expect("a place");
+            let mut to = *positions.last().expect("a place");
             to[random.pick(3)] += random.between(-30.0, 30.0);
             let stop = (random.unit() < 0.3).then(|| random.pick(100));
             machine.jogs(&mut away, to, stop);
-            places.push(machine.station.position());
+            positions.push(machine.generator.position());
         }
-        assert!(!away.give_back(&machine.station, &mut machine.pair.motion) || places.len() == 1);
-        if machine.station.position() != places[0] {
-            assert!(!away.retrace(&machine.station, &mut machine.driven, &scenario.limits, 0));
-            assert!(!away.retrace(&machine.station, &mut machine.driven, &scenario.limits, 1));
+        assert!(!away.give_back(&machine.generator, &mut machine.pair.motion) || positions.len() == 1);
+        if machine.generator.position() != positions[0] {
+            assert!(!away.retrace(&machine.generator, &mut machine.driven, &scenario.limits, 0));
+            assert!(!away.retrace(&machine.generator, &mut machine.driven, &scenario.limits, 1));
         }
-        places.pop();
-        for mut place in places.into_iter().rev() {
+        positions.pop();
+        for mut position in positions.into_iter().rev() {
             // Jogs by increments return to within rounding.
-            place[0] += random.one_of(&[0.0, 1e-12, -3e-10]);
-            machine.jogs(&mut away, place, None);
+            position[0] += random.one_of(&[0.0, 1e-12, -3e-10]);
+            machine.jogs(&mut away, position, None);
         }
         if away.is_retraced() {
-            assert!(away.retrace(&machine.station, &mut machine.driven, &scenario.limits, 0));
+            assert!(away.retrace(&machine.generator, &mut machine.driven, &scenario.limits, 0));
             assert_eq!(machine.follows(&mut away, None), ExcursionEnd::Arrived);
         }
         machine.is_back(&mut away);
-        assert_eq!(machine.station.position().as_slice(), held.as_slice());
+        assert_eq!(machine.generator.position().as_slice(), held.as_slice());
         let resumed = machine.out.len();
         // The other machine is held for the same time.
         while plain.out.len() < resumed {
@@ -275,7 +275,7 @@ fn a_left_program_continues_bit_for_bit() {
 #[test]
 fn the_path_driven_backwards_is_the_driven_path() {
     let (mut random, cases) = campaign(1602, 8);
-    let (mut most, mut seen, mut share) = (0.0_f64, 0, 0.0_f64);
+    let (mut max, mut seen, mut fraction) = (0.0_f64, 0, 0.0_f64);
     for case in 0..cases {
         let scenario = random_scenario(&mut random, 3 * case);
         let moment = moment(&mut random, &scenario);
@@ -295,12 +295,12 @@ fn the_path_driven_backwards_is_the_driven_path() {
             continue;
         }
         let before = machine.out.len();
-        assert!(away.retrace(&machine.station, &mut machine.driven, &scenario.limits, known));
+        assert!(away.retrace(&machine.generator, &mut machine.driven, &scenario.limits, known));
         assert!(!away.is_retraced());
         assert_eq!(machine.follows(&mut away, None), ExcursionEnd::Arrived);
         assert_eq!(away.blocks_before(&machine.driven), 0);
-        assert!(!away.retrace(&machine.station, &mut machine.driven, &scenario.limits, 1));
-        assert!(away.retrace(&machine.station, &mut machine.driven, &scenario.limits, 0));
+        assert!(!away.retrace(&machine.generator, &mut machine.driven, &scenario.limits, 1));
+        assert!(away.retrace(&machine.generator, &mut machine.driven, &scenario.limits, 0));
         assert_eq!(machine.follows(&mut away, None), ExcursionEnd::Arrived);
         machine.is_back(&mut away);
         let stride = (machine.out.len() - before) / 200 + 1;
@@ -318,15 +318,15 @@ fn the_path_driven_backwards_is_the_driven_path() {
             let apart_s = 1e-9 * scenario.period_ns.max(1_000_000) as f64;
             // The derived error of the quintics, plus the error of the nearest point on the path.
             let bound = 1.02 * jerk * apart_s.powi(3) / 161.0 + 1e-8;
-            (most, seen, share) = (most.max(error), seen + 1, share.max(error / bound));
+            (max, seen, fraction) = (max.max(error), seen + 1, fraction.max(error / bound));
         }
         let [v, a, j] = ratios(&scenario, &machine.out);
         assert!(v <= 1.001 && a <= 1.001 && j <= 1.02, "case {case}: {v} {a} {j}");
     }
-    println!("{seen} positions within {most:.2e} mm of the path, {share:.2} of the bound");
+    println!("{seen} positions within {max:.2e} mm of the path, {fraction:.2} of the bound");
     assert!(
-        seen > 500 && share <= 1.0,
-        "{seen} positions, {share} of the bound, {most} mm"
+        seen > 500 && fraction <= 1.0,
+        "{seen} positions, {fraction} of the bound, {max} mm"
     );
 }
 
@@ -344,8 +344,8 @@ fn a_moving_program_is_not_left_and_actions_bar_it() {
     let mut machine = Machine::new(&scenario);
     for _ in 0..60 {
         machine.step(false, None);
-        let stands = machine.pair.motion.state() != MotionState::Running;
-        assert!(Excursion::begin(&machine.pair.motion).is_none() || stands);
+        let at_rest = machine.pair.motion.state() != MotionState::Running;
+        assert!(Excursion::begin(&machine.pair.motion).is_none() || at_rest);
     }
     // An output that is safe in a feed hold does not clear the stored path; an output of the program does.
     machine.holds();
@@ -364,14 +364,14 @@ fn a_moving_program_is_not_left_and_actions_bar_it() {
     // The stored path begins with the barred motion: no block start precedes it.
     assert_eq!(machine.driven.blocks_driven(), 0);
     let mut away = Excursion::begin(&machine.pair.motion).expect("it stands");
-    assert!(!away.retrace(&machine.station, &mut machine.driven, &scenario.limits, 1));
+    assert!(!away.retrace(&machine.generator, &mut machine.driven, &scenario.limits, 1));
     assert!(!away.is_moving());
     // A transfer that begins elsewhere is returned.
-    let there = AxesState::at_rest(machine.station.position() + Axes::repeat(0.01));
-    let here = AxesState::at_rest(machine.station.position());
+    let there = AxesState::at_rest(machine.generator.position() + Axes::repeat(0.01));
+    let here = AxesState::at_rest(machine.generator.position());
     let wrong = Transfer::solve(&scenario.limits, &there, &here, Sync::Time).expect("a way");
     assert!(
-        away.steer(&machine.station, Box::new(TransferExecutor::new(wrong)))
+        away.steer(&machine.generator, Box::new(TransferExecutor::new(wrong)))
             .is_err()
     );
     machine.is_back(&mut away);

@@ -195,7 +195,7 @@ fn lie(segments: &[Segment], limits: ScalarLimits, exits: &[f64]) -> evolvent_mo
 /// Runs until nothing moves and returns the maximum |velocity|, |acceleration|, |jerk| of X as published.
 fn published(motion: &mut PathExecutor, queue: &mut evolvent_motion::PlanConsumer, rate: f64) -> [f64; 3] {
     let mut past = [0.0; 4];
-    let mut most = [0.0_f64; 3];
+    let mut max = [0.0_f64; 3];
     for _ in 0..100_000 {
         let setpoint = motion.step(&Inputs::default(), queue);
         past = [setpoint.position[0], past[0], past[1], past[2]];
@@ -205,13 +205,13 @@ fn published(motion: &mut PathExecutor, queue: &mut evolvent_motion::PlanConsume
             (past[0] - 3.0 * past[1] + 3.0 * past[2] - past[3]) * rate.powi(3),
         ];
         for k in 0..3 {
-            most[k] = most[k].max(d[k].abs());
+            max[k] = max[k].max(d[k].abs());
         }
         if motion.is_over() {
             break;
         }
     }
-    most
+    max
 }
 
 #[test]
@@ -288,23 +288,23 @@ fn an_emergency_stop_continues_a_stop_of_the_guard() {
     for moment in 1..150 {
         let mut queue = lie(&[line(0.0, 100.0), line(105.0, 200.0)], scalar, &[200.0, 0.0]);
         let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
-        let mut station = SetpointGenerator::new(limits, 1_000_000, Axes::zeros());
-        assert!(station.attach(&mut motion));
+        let mut generator = SetpointGenerator::new(limits, 1_000_000, Axes::zeros());
+        assert!(generator.attach(&mut motion));
         let mut stopping = 0;
         while stopping < moment && !motion.is_over() {
             let setpoint = motion.step(&Inputs::default(), &mut queue);
-            station.follow(&motion, &setpoint);
+            generator.follow(&motion, &setpoint);
             stopping += u64::from(motion.fault().is_some());
         }
-        station.emergency();
+        generator.emergency();
         let mut periods = 0;
-        while !station.is_at_rest() {
-            let _setpoint = station.rest(MotionState::Fault);
+        while !generator.is_at_rest() {
+            let _setpoint = generator.rest(MotionState::Fault);
             periods += 1;
             assert!(periods < 1000, "no end");
         }
-        let most = station.extremes();
-        let [v, a, j] = [most.velocity[0], most.acceleration[0], most.jerk[0]];
+        let max = generator.extremes();
+        let [v, a, j] = [max.velocity[0], max.acceleration[0], max.jerk[0]];
         assert!(
             v <= 200.0 * 1.001 && a <= 2000.0 * 1.001 && j <= 50_000.0 * 1.02,
             "{moment}: {v} {a} {j}"
@@ -401,17 +401,17 @@ fn the_line_at_rest_is_that_of_the_awaited_step() {
 /// Every axis stops on its own after the published setpoints. Returns the acceleration and jerk of X and Y as
 /// published, as multiples of their limits, and the maximum X.
 fn stopped_alone(
-    mut station: SetpointGenerator,
+    mut generator: SetpointGenerator,
     mut published: Vec<Axes>,
     limits: &Limits,
     rate: f64,
 ) -> ([f64; 2], [f64; 2], f64) {
-    station.emergency();
-    while !station.is_at_rest() {
-        published.push(station.rest(MotionState::Fault).position);
+    generator.emergency();
+    while !generator.is_at_rest() {
+        published.push(generator.rest(MotionState::Fault).position);
         assert!(published.len() < 4000, "no end");
     }
-    published.extend([station.position(); 3]);
+    published.extend([generator.position(); 3]);
     let (mut acceleration, mut jerk) = ([0.0_f64; 2], [0.0_f64; 2]);
     for four in published.windows(4) {
         for axis in 0..2 {
@@ -458,29 +458,29 @@ fn an_emergency_stop_on_a_circle_stays_in_travel() {
         planner.push(&circle, 1, 0).expect("within the travel");
         planner.finish(2).expect("taken");
         let mut motion = PathExecutor::new(limits, period_ns, start);
-        let mut station = SetpointGenerator::new(limits, period_ns, start);
-        assert!(station.attach(&mut motion));
-        let (mut most, mut least) = ([0.0_f64; 4], f64::MAX);
+        let mut generator = SetpointGenerator::new(limits, period_ns, start);
+        assert!(generator.attach(&mut motion));
+        let (mut max, mut min) = ([0.0_f64; 4], f64::MAX);
         let mut past = vec![start; 3];
         while !motion.is_over() {
-            let (acceleration, jerk, farthest) = stopped_alone(station, past.clone(), &limits, rate);
+            let (acceleration, jerk, farthest) = stopped_alone(generator, past.clone(), &limits, rate);
             assert!(farthest <= limits.travel_max[0] + 1e-6, "{what}: {farthest}");
             let found = [acceleration[0], acceleration[1], jerk[0], jerk[1]];
-            for (most, found) in most.iter_mut().zip(found) {
-                *most = most.max(found);
+            for (max, found) in max.iter_mut().zip(found) {
+                *max = max.max(found);
             }
-            least = least.min(limits.travel_max[0] - farthest);
+            min = min.min(limits.travel_max[0] - farthest);
             planner.poll().expect("taken");
             let setpoint = motion.step(&Inputs::default(), &mut queue);
-            station.follow(&motion, &setpoint);
+            generator.follow(&motion, &setpoint);
             past = vec![past[1], past[2], setpoint.position];
         }
-        println!("{what}: acceleration XY, jerk XY {most:.3?}, to within {least:.6} mm of the edge");
-        assert!(most[0] <= 1.001 && most[1] <= 1.001, "{what}: {most:?}");
-        assert!(most[3] <= 1.02, "{what}: {most:?}");
+        println!("{what}: acceleration XY, jerk XY {max:.3?}, to within {min:.6} mm of the edge");
+        assert!(max[0] <= 1.001 && max[1] <= 1.001, "{what}: {max:?}");
+        assert!(max[3] <= 1.02, "{what}: {max:?}");
         // The overshoot at the jerk limit is A^3 / 24 J^2 = 0.133 mm: farther from the edge no limit is
         // exceeded.
-        assert!(most[2] <= 1.02 || beside < 0.2, "{what}: {most:?}");
+        assert!(max[2] <= 1.02 || beside < 0.2, "{what}: {max:?}");
     }
 }
 

@@ -39,7 +39,7 @@ fn scenario(random: &mut Random, rate: f64) -> Scenario {
 #[test]
 fn stops_keep_every_limit_however_the_planner_answers() {
     let (mut random, cases) = campaign(0x1401_0010, 9);
-    let mut most = [0.0_f64; 3];
+    let mut max = [0.0_f64; 3];
     for case in 0..cases {
         let scenario = scenario(&mut random, RATES[case % 3]);
         let (plain, _) = run(&scenario, |_| Inputs::default());
@@ -74,12 +74,12 @@ fn stops_keep_every_limit_however_the_planner_answers() {
                 assert!(out.len() < 2_000_000, "{what}: does not end");
             }
             check(&scenario, &out, &pair.motion, 0.02, &what);
-            for (most, ratio) in most.iter_mut().zip(ratios(&scenario, &out)) {
-                *most = most.max(ratio);
+            for (max, ratio) in max.iter_mut().zip(ratios(&scenario, &out)) {
+                *max = max.max(ratio);
             }
         }
     }
-    println!("worst ratios of velocity, acceleration, jerk: {most:.5?}");
+    println!("worst ratios of velocity, acceleration, jerk: {max:.5?}");
 }
 
 /// Passes a plan on with one piece falsified.
@@ -95,7 +95,7 @@ struct Falsifier<W> {
 impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
     type Error = QueueClosed;
 
-    forward_to_sink!(segment exit commit mark leave_open keep_place link has_capacity wait request reply acknowledged withdrawn reached reached_step);
+    forward_to_sink!(segment exit commit mark leave_open reserve_link link has_capacity wait request reply acknowledged withdrawn reached reached_step);
 
     fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
         let mut step = *step;
@@ -169,7 +169,7 @@ fn drive(
 #[test]
 fn published_setpoints_keep_limits_on_guard_stops() {
     let (mut random, cases) = campaign(0x1401_0011, 60);
-    let (mut most, mut provoked) = ([0.0_f64; 3], 0);
+    let (mut max, mut provoked) = ([0.0_f64; 3], 0);
     for case in 0..cases {
         let scenario = scenario(&mut random, RATES[case % 3]);
         let at = 1 + random.pick(80);
@@ -185,8 +185,8 @@ fn published_setpoints_keep_limits_on_guard_stops() {
         }
         provoked += 1;
         let [v, a, j] = ratios(&scenario, &out);
-        for (most, ratio) in most.iter_mut().zip([v, a, j]) {
-            *most = most.max(ratio);
+        for (max, ratio) in max.iter_mut().zip([v, a, j]) {
+            *max = max.max(ratio);
         }
         let what = format!(
             "case {case} at {} Hz: piece {at}, {step}, {factor}: {v} {a} {j}, {:?}",
@@ -202,7 +202,7 @@ fn published_setpoints_keep_limits_on_guard_stops() {
         assert!(j <= 1.021, "{what}");
     }
     assert!(provoked > cases / 4, "{provoked} of {cases} provoked the guard");
-    println!("{provoked} of {cases}, worst ratios of velocity, acceleration, jerk: {most:.5?}");
+    println!("{provoked} of {cases}, worst ratios of velocity, acceleration, jerk: {max:.5?}");
 }
 
 /// The guard rejects a piece while a hold slows the plan down.

@@ -119,8 +119,8 @@ impl PlanSink for Interrupted {
         Ok(())
     }
 
-    fn keep_place(&mut self) -> Result<(), QueueClosed> {
-        self.sink.keep_place()?;
+    fn reserve_link(&mut self) -> Result<(), QueueClosed> {
+        self.sink.reserve_link()?;
         self.interrupt(WITHIN_PLAN);
         Ok(())
     }
@@ -194,7 +194,7 @@ fn motion_during_planning_is_replayed_bit_for_bit() {
         let recorded = drive(&scenario, driving, None);
         waits += recorded
             .iter()
-            .filter(|one| one.lag.failed_look.is_some())
+            .filter(|one| one.lag.failed_lookup.is_some())
             .count();
         changes += recorded
             .windows(2)

@@ -21,7 +21,7 @@ struct Losing<S> {
 impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
     type Error = QueueClosed;
 
-    forward_to_sink!(segment step exit commit mark leave_open keep_place link has_capacity wait request acknowledged withdrawn reached reached_step);
+    forward_to_sink!(segment step exit commit mark leave_open reserve_link link has_capacity wait request acknowledged withdrawn reached reached_step);
 
     fn reply(&mut self, reply: ReplanReply) {
         match self.left.get().checked_sub(1) {
@@ -152,9 +152,9 @@ fn a_hold_without_replies_is_short_and_is_resumed() {
         ..Inputs::default()
     };
     let setpoints = drive(9, holds);
-    let least_ms = 2e3 * (20.0_f64 / 50_000.0).sqrt();
+    let min_ms = 2e3 * (20.0_f64 / 50_000.0).sqrt();
     let took = cycles_to_rest(&setpoints, 745);
-    assert!(took as f64 <= 24.0 + 1.8 * least_ms, "{took} ms on the wave");
+    assert!(took as f64 <= 24.0 + 1.8 * min_ms, "{took} ms on the wave");
 
     let mut line = wave(1);
     line.moves[0].curve = Curve::Line(
@@ -168,12 +168,12 @@ fn a_hold_without_replies_is_short_and_is_resumed() {
     let setpoints = drive_along(&line, 9, 1e-6, "line", holds);
     let took = cycles_to_rest(&setpoints, 745);
     // 2 sqrt(v/J), if that keeps the acceleration.
-    let least_ms = 2e3 * (80.0_f64 / 50_000.0).sqrt();
+    let min_ms = 2e3 * (80.0_f64 / 50_000.0).sqrt();
     assert!(
-        took as f64 <= 24.0 + 1.2 * least_ms,
-        "{took} ms on a line, {least_ms} at the least"
+        took as f64 <= 24.0 + 1.2 * min_ms,
+        "{took} ms on a line, {min_ms} at the least"
     );
-    assert!(took as f64 >= least_ms, "{took} ms is less than the limits allow");
+    assert!(took as f64 >= min_ms, "{took} ms is less than the limits allow");
 }
 
 #[test]

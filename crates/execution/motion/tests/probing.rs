@@ -138,8 +138,8 @@ fn run(
         let before = calls();
         let setpoint = motion.step(&inputs, &mut queue);
         allocations += (calls() - before) as usize;
-        let stands = |setpoint: &Setpoint| setpoint.velocity == Axes::zeros();
-        if inputs.hold && stands(&setpoint) && all.last().is_some_and(stands) {
+        let at_rest = |setpoint: &Setpoint| setpoint.velocity == Axes::zeros();
+        if inputs.hold && at_rest(&setpoint) && all.last().is_some_and(at_rest) {
             assert!(motion.is_at_rest(), "held in cycle {}", all.len());
         }
         all.push(setpoint);
@@ -147,12 +147,16 @@ fn run(
             moved.push(setpoint);
         }
         if result.is_none()
-            && let Some(told) = probings.result()
+            && let Some(reported) = probings.result()
         {
-            result = Some(told);
-            planner.set_position(&told.stands_at);
+            result = Some(reported);
+            planner.set_position(&reported.stop_position);
             planner
-                .push(&feed_move(told.stands_at, toward_next, order.feed_mm_s), 3, 1)
+                .push(
+                    &feed_move(reported.stop_position, toward_next, order.feed_mm_s),
+                    3,
+                    1,
+                )
                 .expect("it begins where the axes stand");
             planner.finish(3).expect("taken");
         }
@@ -226,11 +230,11 @@ fn a_probing_move_stops_within_limits_and_goes_on() {
         let machine = limits(&mut random);
         let kind = PLANNERS[case % 2];
         let direction = |random: &mut Random| {
-            let mut way = Axes::zeros();
+            let mut direction = Axes::zeros();
             for axis in 0..3 {
-                way[axis] = random.between(-1.0, 1.0);
+                direction[axis] = random.between(-1.0, 1.0);
             }
-            way
+            direction
         };
         let start = 20.0 * direction(&mut random);
         let from = start + 0.3 * direction(&mut random);
@@ -243,7 +247,7 @@ fn a_probing_move_stops_within_limits_and_goes_on() {
         // The duration of the move without contact, to place the worst moments in it.
         let free = run(machine, period_ns, kind, start, order, start, Scene::Never, 0..0);
         assert_eq!(free.result.verdict, ProbeVerdict::NoContact, "case {case}");
-        assert!((free.result.stands_at - to).abs().max() < 1e-9);
+        assert!((free.result.stop_position - to).abs().max() < 1e-9);
         let moving = free
             .moved
             .windows(2)
@@ -281,10 +285,10 @@ fn a_probing_move_stops_within_limits_and_goes_on() {
                 let seen = outcome.seen_at.expect("a contact");
                 assert_eq!(result.position, seen, "{what}");
                 // The distance after the contact: at most the computed one, and never beyond the end.
-                let beyond = (result.stands_at - seen).norm();
-                let most = order.stopping_distance(&machine) + 1e-9;
-                assert!(beyond <= most, "{what}: {beyond} mm of {most}");
-                assert!((result.stands_at - from).norm() <= length + 1e-9, "{what}");
+                let beyond = (result.stop_position - seen).norm();
+                let max = order.stopping_distance(&machine) + 1e-9;
+                assert!(beyond <= max, "{what}: {beyond} mm of {max}");
+                assert!((result.stop_position - from).norm() <= length + 1e-9, "{what}");
             }
             Scene::Lost(_) => {
                 met[1] += 1;
@@ -293,12 +297,12 @@ fn a_probing_move_stops_within_limits_and_goes_on() {
             Scene::Before => {
                 met[2] += 1;
                 assert_eq!(result.verdict, ProbeVerdict::ChangedBefore, "{what}");
-                assert_eq!(result.stands_at, from, "{what}: nothing has moved");
+                assert_eq!(result.stop_position, from, "{what}: nothing has moved");
             }
             Scene::Silent => {
                 met[3] += 1;
                 assert_eq!(result.verdict, ProbeVerdict::Unknown, "{what}");
-                assert_eq!(result.stands_at, from, "{what}: nothing has moved");
+                assert_eq!(result.stop_position, from, "{what}: nothing has moved");
             }
             Scene::Never => met[4] += 1,
         }

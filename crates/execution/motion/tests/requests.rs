@@ -30,7 +30,7 @@ fn straight(feed: f64, length: f64, period_ns: u64) -> crate::common::Scenario {
 }
 
 /// Duration of a stop from `v` without acceleration: `2 sqrt(v/J)` if that keeps `A`, else `A/J + v/A`.
-fn least_stop(v: f64) -> f64 {
+fn min_stop(v: f64) -> f64 {
     let (a, j) = (2000.0, 50_000.0);
     if v <= a * a / j {
         2.0 * (v / j).sqrt()
@@ -71,12 +71,12 @@ fn a_hold_stops_in_the_least_time_after_the_lead() {
             .position(|s| s.feed_mm_s == 0.0)
             .expect("comes to rest");
         let took = rest as f64 * period;
-        let allowed = 1.1 * least_stop(feed) + LEAD + 2.0 * period;
+        let allowed = 1.1 * min_stop(feed) + LEAD + 2.0 * period;
         assert!(took <= allowed, "{feed} mm/s: {took} s of {allowed} s");
         // The axes have their full speed up to the setpoint before the first that brakes: one period earlier.
         // 0.1 % covers the jerk of a slowdown, which may use 1.002 of the limit.
         assert!(
-            took + period >= 0.999 * least_stop(feed),
+            took + period >= 0.999 * min_stop(feed),
             "{feed} mm/s: {took} s is less than the limits allow"
         );
         assert_eq!(setpoints[until as usize - 1].state, MotionState::Held);
@@ -330,7 +330,7 @@ fn a_hold_before_a_dwell_continues_after_it() {
     scenario.moves.push(back);
     // No reply to the hold. The hold arrives where there is enough distance to stop before the dwell, where
     // there is hardly enough, and where the machine reaches the dwell before path time has stopped.
-    let mut places = Vec::new();
+    let mut positions = Vec::new();
     let (plain, _) = run(&scenario, |_| Inputs::default());
     let there = plain
         .iter()
@@ -354,7 +354,7 @@ fn a_hold_before_a_dwell_continues_after_it() {
             }));
         }
         assert_eq!(pair.motion.state(), MotionState::Held);
-        places.push(setpoints[3999].position[0]);
+        positions.push(setpoints[3999].position[0]);
         while !pair.motion.is_over() {
             pair.poll();
             setpoints.push(pair.step(&Inputs::default()));
@@ -363,7 +363,7 @@ fn a_hold_before_a_dwell_continues_after_it() {
         check(&scenario, &setpoints, &pair.motion, 1e-6, "behind the dwell");
         assert_eq!(setpoints[setpoints.len() - 1].position[0], 0.0);
     }
-    assert!(places[0] < 350.0 && places[2] == 400.0, "{places:?}");
+    assert!(positions[0] < 350.0 && positions[2] == 400.0, "{positions:?}");
 }
 
 #[test]

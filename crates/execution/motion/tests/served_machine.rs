@@ -26,7 +26,7 @@ fn limits() -> Limits {
     }
 }
 
-fn place(random: &mut Random) -> Axes {
+fn random_position(random: &mut Random) -> Axes {
     Axes::from_fn(|i, _| if i < 3 { random.between(-100.0, 100.0) } else { 0.0 })
 }
 
@@ -99,30 +99,30 @@ fn jogs_keep_limits_and_numbers_without_allocation() {
     let seed = 0x57a7_1001;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
-    let mut station = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
+    let mut generator = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
     let mut measure = Measure::default();
     let mut counted = 0;
     let (mut turns, mut stops) = (0, 0);
     for _ in 0..400 {
         for _ in 0..3 {
-            measure.observe(&station.rest(MotionState::Idle));
+            measure.observe(&generator.rest(MotionState::Idle));
         }
-        let from = AxesState::at_rest(station.position());
-        let mut steering = to_rest(&from, place(&mut random));
-        assert!(station.can_steer(&steering));
+        let from = AxesState::at_rest(generator.position());
+        let mut steering = to_rest(&from, random_position(&mut random));
+        assert!(generator.can_steer(&steering));
         let turn_at = (random.unit() * 600.0) as u64;
         let stop_at = (random.unit() * 900.0) as u64;
         let mut own = 0;
         let end = loop {
             let before = calls();
-            let setpoint = station.steer(&mut steering);
+            let setpoint = generator.steer(&mut steering);
             counted += calls() - before;
             measure.observe(&setpoint);
             own += 1;
             if own == turn_at && setpoint.state == MotionState::Running {
-                let other = to_rest(&state_of(&setpoint), place(&mut random));
+                let other = to_rest(&state_of(&setpoint), random_position(&mut random));
                 let before = calls();
-                assert!(station.turn(&mut steering, &other));
+                assert!(generator.turn(&mut steering, &other));
                 counted += calls() - before;
                 turns += 1;
             }
@@ -136,8 +136,8 @@ fn jogs_keep_limits_and_numbers_without_allocation() {
             assert!(own < 20_000, "no end");
         };
         assert_eq!(end.velocity.norm() + end.acceleration.norm(), 0.0);
-        assert!(station.take_fault().is_none());
-        station.end();
+        assert!(generator.take_fault().is_none());
+        generator.end();
     }
     measure.keeps_the_limits();
     assert_eq!(counted, 0, "the cycle allocates");
@@ -154,7 +154,7 @@ fn a_jog_stops_no_later_than_its_transfer_ends() {
     let mut random = Random::from_state(seed);
     for _ in 0..200 {
         // To the very edge of the travel: a stop must not lead beyond it.
-        let mut station = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
+        let mut generator = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
         let edge = Axes::from_fn(|i, _| if i == 0 { 100.0 } else { 0.0 });
         let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), edge);
         let cycles = steering.transfer().duration_s() * 1e9 / PERIOD_NS as f64;
@@ -165,34 +165,34 @@ fn a_jog_stops_no_later_than_its_transfer_ends() {
                 steering.stop();
                 speed_at_stop = 1.0;
             }
-            let setpoint = station.steer(&mut steering);
+            let setpoint = generator.steer(&mut steering);
             assert!(setpoint.position[0] <= 100.0 + 1e-9);
             assert!(setpoint.velocity[0] >= -1e-9, "backwards");
             if matches!(setpoint.state, MotionState::Done | MotionState::Stopped) {
                 break;
             }
         }
-        assert!(station.take_fault().is_none() && speed_at_stop >= 0.0);
+        assert!(generator.take_fault().is_none() && speed_at_stop >= 0.0);
     }
 }
 
 #[test]
 fn what_begins_elsewhere_is_not_taken_up() {
-    let mut station = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
+    let mut generator = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
     let elsewhere = Axes::from_fn(|i, _| if i == 0 { 0.01 } else { 0.0 });
     let steering = to_rest(&AxesState::at_rest(elsewhere), Axes::zeros());
-    assert!(!station.can_steer(&steering));
+    assert!(!generator.can_steer(&steering));
     let mut motion = evolvent_motion::PathExecutor::new(limits(), PERIOD_NS, elsewhere);
-    assert!(!station.attach(&mut motion));
+    assert!(!generator.attach(&mut motion));
     let mut motion = evolvent_motion::PathExecutor::new(limits(), PERIOD_NS, Axes::zeros());
-    assert!(station.attach(&mut motion));
+    assert!(generator.attach(&mut motion));
     // A transfer that does not begin at the present state leaves the motion unchanged.
     let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), elsewhere);
     let other = to_rest(&AxesState::at_rest(Axes::repeat(0.0)), -elsewhere);
     for _ in 0..5 {
-        station.steer(&mut steering);
+        generator.steer(&mut steering);
     }
-    assert!(!station.turn(&mut steering, &other));
+    assert!(!generator.turn(&mut steering, &other));
 }
 
 #[test]
@@ -201,22 +201,22 @@ fn an_emergency_stop_stops_each_axis_within_limits() {
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
     for _ in 0..200 {
-        let mut station = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
+        let mut generator = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
         let mut measure = Measure::default();
         // Differences are measured from rest on.
         for _ in 0..3 {
-            measure.observe(&station.rest(MotionState::Idle));
+            measure.observe(&generator.rest(MotionState::Idle));
         }
-        let target = 0.9 * place(&mut random);
+        let target = 0.9 * random_position(&mut random);
         let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), target);
         let cycles = steering.transfer().duration_s() * 1e9 / PERIOD_NS as f64;
         for _ in 0..(random.unit() * cycles) as u64 {
-            measure.observe(&station.steer(&mut steering));
+            measure.observe(&generator.steer(&mut steering));
         }
-        station.emergency();
+        generator.emergency();
         let mut own = 0;
-        while !station.is_at_rest() {
-            measure.observe(&station.rest(MotionState::Fault));
+        while !generator.is_at_rest() {
+            measure.observe(&generator.rest(MotionState::Fault));
             own += 1;
             assert!(own < 1000, "no end");
         }
@@ -226,14 +226,14 @@ fn an_emergency_stop_stops_each_axis_within_limits() {
 
 #[test]
 fn a_new_name_for_a_place_is_no_motion() {
-    let mut station = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
-    station.rest(MotionState::Idle);
+    let mut generator = SetpointGenerator::new(limits(), PERIOD_NS, Axes::zeros());
+    generator.rest(MotionState::Idle);
     let renamed = Axes::from_fn(|i, _| if i == 1 { -55.0 } else { 0.0 });
-    station.relocate(limits(), renamed);
-    let setpoint = station.rest(MotionState::Idle);
+    generator.relocate(limits(), renamed);
+    let setpoint = generator.rest(MotionState::Idle);
     assert_eq!((setpoint.position, setpoint.sequence), (renamed, 1));
     let mut steering = to_rest(&AxesState::at_rest(renamed), Axes::zeros());
-    assert!(station.can_steer(&steering));
-    while station.steer(&mut steering).state == MotionState::Running {}
-    assert!(station.take_fault().is_none());
+    assert!(generator.can_steer(&steering));
+    while generator.steer(&mut steering).state == MotionState::Running {}
+    assert!(generator.take_fault().is_none());
 }

@@ -109,7 +109,7 @@ struct Slow {
 impl PlanSink for Slow {
     type Error = QueueClosed;
 
-    forward_to_sink!(segment exit commit mark leave_open keep_place link has_capacity wait request acknowledged withdrawn reached reached_step);
+    forward_to_sink!(segment exit commit mark leave_open reserve_link link has_capacity wait request acknowledged withdrawn reached reached_step);
 
     /// The interpreter may need as long for the block after a rest step as the planner for a window.
     fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
@@ -266,10 +266,10 @@ fn a_falling_override_is_followed_with_a_late_planner() {
             late += recorded.iter().filter(|one| one.lag.refused).count();
             let ends = recorded.len() - 200;
             for (cycle, one) in recorded.iter().enumerate().take(ends).skip(BEGINS as usize) {
-                let least = WAVE_FEED_MM_S * one.inputs.feed_override;
+                let min = WAVE_FEED_MM_S * one.inputs.feed_override;
                 assert!(
-                    one.setpoint.feed_mm_s > MIN_FRACTION * least && one.setpoint.flags & flags::STARVED == 0,
-                    "override {number}, seed {seed}: {} of {least} mm/s at {cycle}",
+                    one.setpoint.feed_mm_s > MIN_FRACTION * min && one.setpoint.flags & flags::STARVED == 0,
+                    "override {number}, seed {seed}: {} of {min} mm/s at {cycle}",
                     one.setpoint.feed_mm_s
                 );
             }
@@ -354,7 +354,7 @@ fn steps_arriving_at_rest_are_replayed_bit_for_bit() {
             let recorded = drive(&program, feed_override, Some(random), STARVING, None);
             waited += recorded
                 .iter()
-                .filter(|one| one.lag.failed_look.is_some())
+                .filter(|one| one.lag.failed_lookup.is_some())
                 .count();
             drive(&program, feed_override, None, STARVING, Some(recorded));
         }

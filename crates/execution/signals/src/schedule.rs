@@ -166,7 +166,7 @@ pub struct ScheduleConsumer {
 pub fn schedule() -> (Scheduler, ScheduleConsumer) {
     let (scheduled, ahead) = RingBuffer::new(AHEAD);
     let (done, spent) = RingBuffer::new(AHEAD);
-    let (told, results) = RingBuffer::new(RESULTS);
+    let (sender, results) = RingBuffer::new(RESULTS);
     let scheduler = Scheduler {
         scheduled,
         spent,
@@ -175,7 +175,7 @@ pub fn schedule() -> (Scheduler, ScheduleConsumer) {
     let consumer = ScheduleConsumer {
         ahead,
         spent: done,
-        results: told,
+        results: sender,
     };
     (scheduler, consumer)
 }

@@ -317,8 +317,8 @@ mod tests {
                 && at > 2000
             {
                 let motion = tracker.at((at + ahead) as f64).expect("samples");
-                let told = motion.mean[0] + motion.ripple.iter().map(|jet| jet[0]).sum::<f64>();
-                worst = worst.max((told - truth).abs());
+                let estimate = motion.mean[0] + motion.ripple.iter().map(|jet| jet[0]).sum::<f64>();
+                worst = worst.max((estimate - truth).abs());
             }
         }
         assert!(tracker.is_settled());

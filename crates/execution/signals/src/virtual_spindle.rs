@@ -67,8 +67,8 @@ impl VirtualSpindle {
         let [turns, speed, _] = self.motion;
         let wanted = self.sign * self.speed.overridden_rpm_at(x_mm, 1.0, self.max_rpm) / 60.0;
         self.fastest = self.fastest.max(wanted.abs());
-        let most = self.rate.unwrap_or(self.fastest / SPEED_UP_S) * period_s;
-        let change = (wanted - speed).clamp(-most, most);
+        let max_change = self.rate.unwrap_or(self.fastest / SPEED_UP_S) * period_s;
+        let change = (wanted - speed).clamp(-max_change, max_change);
         // The speed ends at exactly the commanded value: a sum could miss it by the last bit, and the spindle
         // would never stop.
         let next = if change == wanted - speed {

@@ -12,7 +12,7 @@ const SLACK: f64 = 1e-6;
 /// Fraction of a limit by which a move may exceed it.
 const MARGIN: f64 = 3e-6;
 /// Tolerance of positions, mm or degrees.
-const PLACE: f64 = 1e-9;
+const POSITION_TOLERANCE: f64 = 1e-9;
 /// Valid range of a machine's limits.
 const USABLE: std::ops::RangeInclusive<f64> = 1e-6..=1e12;
 
@@ -22,8 +22,8 @@ pub(crate) fn entry(limits: &Limits, from: &AxesState, to: &AxesState) -> Result
         let i = axis.index();
         let start = AxisState::of(from, i);
         let target = AxisState::of(to, i);
-        for (place, state) in [(TransferEnd::Start, start), (TransferEnd::Target, target)] {
-            finite(axis, place, state)?;
+        for (end, state) in [(TransferEnd::Start, start), (TransferEnd::Target, target)] {
+            finite(axis, end, state)?;
         }
         if !limits.present[i] {
             if start != target || !start.is_at_rest() {
@@ -44,14 +44,14 @@ pub(crate) fn entry(limits: &Limits, from: &AxesState, to: &AxesState) -> Result
                 });
             }
         }
-        for (place, state) in [(TransferEnd::Start, start), (TransferEnd::Target, target)] {
-            within(limits, axis, place, state)?;
+        for (end, state) in [(TransferEnd::Start, start), (TransferEnd::Target, target)] {
+            within(limits, axis, end, state)?;
         }
     }
     Ok(())
 }
 
-fn finite(axis: AxisLetter, place: TransferEnd, state: AxisState) -> Result<(), TransferError> {
+fn finite(axis: AxisLetter, end: TransferEnd, state: AxisState) -> Result<(), TransferError> {
     for (quantity, value) in [
         (Quantity::Position, state.p),
         (Quantity::Velocity, state.v),
@@ -60,7 +60,7 @@ fn finite(axis: AxisLetter, place: TransferEnd, state: AxisState) -> Result<(), 
         if !value.is_finite() {
             return Err(TransferError::NotFinite {
                 axis,
-                place,
+                end,
                 quantity,
                 value,
             });
@@ -72,22 +72,22 @@ fn finite(axis: AxisLetter, place: TransferEnd, state: AxisState) -> Result<(), 
 fn within(
     limits: &Limits,
     axis: AxisLetter,
-    place: TransferEnd,
+    end: TransferEnd,
     state: AxisState,
 ) -> Result<(), TransferError> {
     let i = axis.index();
     let (min, max) = (limits.travel_min[i], limits.travel_max[i]);
     // Negated so that a travel that is not a number is rejected.
-    if !(state.p >= min - PLACE && state.p <= max + PLACE) {
+    if !(state.p >= min - POSITION_TOLERANCE && state.p <= max + POSITION_TOLERANCE) {
         return Err(TransferError::OutsideTravel {
             axis,
-            place,
+            end,
             position: state.p,
             min,
             max,
         });
     }
-    let unavoidable = unavoidable_speed(place, state, limits.jerk[i]);
+    let unavoidable = unavoidable_speed(end, state, limits.jerk[i]);
     for (quantity, value, limit) in [
         (Quantity::Acceleration, state.a, limits.acceleration[i]),
         (Quantity::Velocity, state.v, limits.velocity[i]),
@@ -96,7 +96,7 @@ fn within(
         if value.abs() > limit * (1.0 + SLACK) {
             return Err(TransferError::BeyondLimit {
                 axis,
-                place,
+                end,
                 quantity,
                 value,
                 limit,
@@ -107,8 +107,8 @@ fn within(
 }
 
 /// The speed at which the acceleration can first be zero: after the start, or before the target.
-fn unavoidable_speed(place: TransferEnd, state: AxisState, jerk: f64) -> f64 {
-    match place {
+fn unavoidable_speed(end: TransferEnd, state: AxisState, jerk: f64) -> f64 {
+    match end {
         TransferEnd::Start => state.relaxed_speed(jerk),
         TransferEnd::Target => AxisState { a: -state.a, ..state }.relaxed_speed(jerk),
     }
@@ -222,7 +222,7 @@ fn axis_exit(
     differs(limits, axis, state, to)?;
     let (min, max) = (limits.travel_min[i], limits.travel_max[i]);
     for position in [found.min, found.max] {
-        if !(position >= min - 2.0 * PLACE && position <= max + 2.0 * PLACE) {
+        if !(position >= min - 2.0 * POSITION_TOLERANCE && position <= max + 2.0 * POSITION_TOLERANCE) {
             return Err(TransferError::LeavesTravel {
                 axis,
                 position,
@@ -246,18 +246,18 @@ fn unfit(axis: AxisLetter, quantity: Quantity, value: f64, limit: f64) -> Transf
 fn differs(limits: &Limits, axis: AxisLetter, is: AxisState, wanted: AxisState) -> Result<(), TransferError> {
     let i = axis.index();
     for (quantity, value, wanted, tolerance) in [
-        (Quantity::Position, is.p, wanted.p, PLACE),
+        (Quantity::Position, is.p, wanted.p, POSITION_TOLERANCE),
         (
             Quantity::Velocity,
             is.v,
             wanted.v,
-            PLACE * limits.velocity[i].max(1.0),
+            POSITION_TOLERANCE * limits.velocity[i].max(1.0),
         ),
         (
             Quantity::Acceleration,
             is.a,
             wanted.a,
-            PLACE * limits.acceleration[i].max(1.0),
+            POSITION_TOLERANCE * limits.acceleration[i].max(1.0),
         ),
     ] {
         if !((value - wanted).abs() <= tolerance) {
@@ -282,7 +282,7 @@ pub(crate) fn moving(limits: &Limits, from: &AxesState, to: &AxesState) -> Vec<u
 
 /// Maximum magnitude of the listed axes.
 pub(crate) fn largest(values: &Axes, axes: &[usize]) -> f64 {
-    axes.iter().fold(0.0, |most, &i| values[i].abs().max(most))
+    axes.iter().fold(0.0, |max, &i| values[i].abs().max(max))
 }
 
 #[cfg(test)]

@@ -26,7 +26,7 @@ pub(crate) struct Units {
 
 /// The fastest synchronised move, as steps in s and the units of the tasks; `None` if ruckig finds no
 /// solution.
-pub(crate) fn fastest(tasks: &[AxisTask], units: &Units, limit_share: f64) -> Option<Vec<Steps>> {
+pub(crate) fn fastest(tasks: &[AxisTask], units: &Units, limit_fraction: f64) -> Option<Vec<Steps>> {
     let count = tasks.len();
     if count == 0 || units.length.len() != count {
         return None;
@@ -49,9 +49,9 @@ pub(crate) fn fastest(tasks: &[AxisTask], units: &Units, limit_share: f64) -> Op
     input.target_position = scaled(&|task| task.to.p - task.from.p, 0);
     input.target_velocity = scaled(&|task| task.to.v, 1);
     input.target_acceleration = scaled(&|task| task.to.a, 2);
-    input.max_velocity = scaled(&|task| task.usable(limit_share).v, 1);
-    input.max_acceleration = scaled(&|task| task.usable(limit_share).a, 2);
-    input.max_jerk = scaled(&|task| task.usable(limit_share).j, 3);
+    input.max_velocity = scaled(&|task| task.usable(limit_fraction).v, 1);
+    input.max_acceleration = scaled(&|task| task.usable(limit_fraction).a, 2);
+    input.max_jerk = scaled(&|task| task.usable(limit_fraction).j, 3);
     input.intermediate_positions.clear();
 
     let mut trajectory = Trajectory::new_direct(count);

@@ -62,12 +62,12 @@ pub enum TransferError {
         value: f64,
     },
     /// A number of a state is not finite.
-    #[error("the {place} {quantity} of axis {} is {value}; give a finite number", .axis.letter())]
+    #[error("the {end} {quantity} of axis {} is {value}; give a finite number", .axis.letter())]
     NotFinite {
         /// The axis.
         axis: AxisLetter,
         /// Start or target.
-        place: TransferEnd,
+        end: TransferEnd,
         /// Which number.
         quantity: Quantity,
         /// Its value.
@@ -81,14 +81,14 @@ pub enum TransferError {
     },
     /// A state exceeds a limit, or must exceed it immediately afterwards.
     #[error(
-        "axis {} at the {place} has a {quantity} of {value}, beyond its limit of {limit}; \
+        "axis {} at the {end} has a {quantity} of {value}, beyond its limit of {limit}; \
          slow down first, or choose a slower target", .axis.letter()
     )]
     BeyondLimit {
         /// The axis.
         axis: AxisLetter,
         /// Start or target.
-        place: TransferEnd,
+        end: TransferEnd,
         /// The quantity that is too large.
         quantity: Quantity,
         /// Its value; for velocity, including the speed that the present acceleration adds.
@@ -98,7 +98,7 @@ pub enum TransferError {
     },
     /// A position is outside the travel.
     #[error(
-        "axis {} at the {place} is at {position}, outside its travel of {min} to {max}; choose another \
+        "axis {} at the {end} is at {position}, outside its travel of {min} to {max}; choose another \
          position",
         .axis.letter()
     )]
@@ -106,7 +106,7 @@ pub enum TransferError {
         /// The axis.
         axis: AxisLetter,
         /// Start or target.
-        place: TransferEnd,
+        end: TransferEnd,
         /// The position.
         position: f64,
         /// Lowest position of the travel.
@@ -131,14 +131,14 @@ pub enum TransferError {
     },
     /// A straight line was requested, but the axes do not move along it at the start or at the target.
     #[error(
-        "axis {} does not move along the straight line at the {place}: its {quantity} is off by {off}; \
+        "axis {} does not move along the straight line at the {end}: its {quantity} is off by {off}; \
          stop first, or do without the straight line", .axis.letter()
     )]
     NotStraight {
         /// The axis.
         axis: AxisLetter,
         /// Start or target.
-        place: TransferEnd,
+        end: TransferEnd,
         /// Velocity or acceleration.
         quantity: Quantity,
         /// The deviation.

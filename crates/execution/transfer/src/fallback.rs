@@ -30,7 +30,7 @@ pub(crate) fn stop_and_go(tasks: &[AxisTask]) -> Vec<Steps> {
     let stopped_s = stops.iter().map(|steps| lasting(steps)).fold(0.0, f64::max);
     let starting_s = starts.iter().map(|steps| lasting(steps)).fold(0.0, f64::max);
 
-    let ways: Vec<f64> = tasks
+    let distances: Vec<f64> = tasks
         .iter()
         .map(|task| {
             let rest = run(task.from, &stop(task.from, &task.limits));
@@ -43,11 +43,11 @@ pub(crate) fn stop_and_go(tasks: &[AxisTask]) -> Vec<Steps> {
         a: f64::INFINITY,
         j: f64::INFINITY,
     };
-    for (task, way) in tasks.iter().zip(&ways) {
-        if *way != 0.0 {
-            line.v = line.v.min(task.limits.v / way.abs());
-            line.a = line.a.min(task.limits.a / way.abs());
-            line.j = line.j.min(task.limits.j / way.abs());
+    for (task, distance) in tasks.iter().zip(&distances) {
+        if *distance != 0.0 {
+            line.v = line.v.min(task.limits.v / distance.abs());
+            line.a = line.a.min(task.limits.a / distance.abs());
+            line.j = line.j.min(task.limits.j / distance.abs());
         }
     }
     let go = if line.v.is_finite() && line.a.is_finite() && line.j.is_finite() {
@@ -57,11 +57,11 @@ pub(crate) fn stop_and_go(tasks: &[AxisTask]) -> Vec<Steps> {
     };
 
     let mut result = Vec::with_capacity(tasks.len());
-    for ((stop, start), way) in stops.iter().zip(&starts).zip(&ways) {
+    for ((stop, start), distance) in stops.iter().zip(&starts).zip(&distances) {
         let mut steps = Steps::with_capacity(16);
         steps.extend(stop);
         steps.push((stopped_s - lasting(stop), 0.0));
-        steps.extend(go.iter().map(|step| (step.0, step.1 * way)));
+        steps.extend(go.iter().map(|step| (step.0, step.1 * distance)));
         steps.push((starting_s - lasting(start), 0.0));
         steps.extend(start);
         steps.retain(|step| step.0 > 0.0);

@@ -96,9 +96,9 @@ fn multipliers(steps: &Steps, whole: f64, missing: [f64; 3]) -> Option<[f64; 3]>
             return None;
         }
         for row in k + 1..3 {
-            let share = matrix[row][k] / pivot;
+            let fraction = matrix[row][k] / pivot;
             for column in k..4 {
-                matrix[row][column] -= share * matrix[k][column];
+                matrix[row][column] -= fraction * matrix[k][column];
             }
         }
     }
@@ -150,10 +150,10 @@ mod tests {
                 (reached.a - end.a).abs() * whole * whole < 1e-12 * scale,
                 "case {case}"
             );
-            let most = |steps: &Steps| steps.iter().map(|step| step.1.abs()).fold(0.0, f64::max);
+            let max = |steps: &Steps| steps.iter().map(|step| step.1.abs()).fold(0.0, f64::max);
             // Three equal pieces would need about a hundred times 1e-7 in the worst case.
             assert!(
-                most(&steps) <= most(&before) + 200.0 * off,
+                max(&steps) <= max(&before) + 200.0 * off,
                 "case {case}: {} pieces",
                 before.len()
             );
@@ -171,8 +171,8 @@ mod tests {
             ..AxisState::default()
         };
         land(&mut steps, start, end);
-        let most = steps.iter().map(|step| step.1.abs()).fold(0.0, f64::max);
-        assert!((most / 2e5 - 1.0).abs() < 1e-3, "{most}");
+        let max = steps.iter().map(|step| step.1.abs()).fold(0.0, f64::max);
+        assert!((max / 2e5 - 1.0).abs() < 1e-3, "{max}");
     }
 
     #[test]

@@ -149,8 +149,8 @@ fn fits<F: FnMut(f64) -> Vec<AxisState>>(
     };
     let width = steps[0].0 + steps[1].0;
     near(end, r)
-        && PROBES.iter().all(|share| {
-            let at = share * width;
+        && PROBES.iter().all(|fraction| {
+            let at = fraction * width;
             let state = if at <= steps[0].0 {
                 l.after(at, steps[0].1)
             } else {
@@ -240,8 +240,8 @@ mod tests {
         let end = at(AxisState::default(), &planted, 3.0);
         assert!(end.a.abs() < 1e-12 && end.v.abs() < 1e-12 && end.p.abs() < 1e-12);
         let found = recovered(AxisState::default(), &planted, 24.0);
-        let most = found.iter().map(|step| step.1).fold(0.0, f64::max);
-        assert!((most - 24.0).abs() < 1e-6, "{found:?}");
+        let max = found.iter().map(|step| step.1).fold(0.0, f64::max);
+        assert!((max - 24.0).abs() < 1e-6, "{found:?}");
     }
 
     #[test]

@@ -93,16 +93,16 @@ fn first_then_go(
         if state.v.abs().max(relaxed.abs()) <= rest.velocity[i] * (1.0 + SLACK) {
             continue;
         }
-        let kept = rest.velocity[i] * relaxed.signum();
-        let slowed = run(state, &slow_down(state, kept, &all));
+        let retained = rest.velocity[i] * relaxed.signum();
+        let slowed = run(state, &slow_down(state, retained, &all));
         let ahead = (to.position[i] - run(slowed, &stop(slowed, &all)).p) * relaxed.signum();
         // If the target is too near or in the other direction, slowing down would only go farther past it.
         let slows_down = first == First::SlowsDown && relaxed.abs() > rest.velocity[i] && ahead >= 0.0;
-        let kept = if slows_down { kept } else { 0.0 };
-        let steps = slow_down(state, kept, &all);
+        let retained = if slows_down { retained } else { 0.0 };
+        let steps = slow_down(state, retained, &all);
         let reached = run(state, &steps);
         // Exact except for rounding, which the landing corrects.
-        (begins.position[i], begins.velocity[i], begins.acceleration[i]) = (reached.p, kept, 0.0);
+        (begins.position[i], begins.velocity[i], begins.acceleration[i]) = (reached.p, retained, 0.0);
         slowing[i] = Some(steps);
     }
     let go = Transfer::solve(&rest, &begins, to, Sync::None)?;

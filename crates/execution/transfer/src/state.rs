@@ -97,19 +97,19 @@ pub(crate) struct AxisTask {
 }
 
 impl AxisTask {
-    /// The limits times `share`, but at least what the states themselves need: a state at its limit must not
+    /// The limits times `fraction`, but at least what the states themselves need: a state at its limit must not
     /// be rejected for its last digit.
-    pub(crate) fn usable(&self, share: f64) -> AxisLimits {
-        let j = self.limits.j * share;
+    pub(crate) fn usable(&self, fraction: f64) -> AxisLimits {
+        let j = self.limits.j * fraction;
         let arriving = AxisState {
             a: -self.to.a,
             ..self.to
         };
         let widest =
-            |limit: f64, values: &[f64]| values.iter().fold(limit, |most, value| most.max(value.abs()));
+            |limit: f64, values: &[f64]| values.iter().fold(limit, |max, value| max.max(value.abs()));
         AxisLimits {
             v: widest(
-                self.limits.v * share,
+                self.limits.v * fraction,
                 &[
                     self.from.v,
                     self.to.v,
@@ -117,7 +117,7 @@ impl AxisTask {
                     arriving.relaxed_speed(j),
                 ],
             ),
-            a: widest(self.limits.a * share, &[self.from.a, self.to.a]),
+            a: widest(self.limits.a * fraction, &[self.from.a, self.to.a]),
             j,
         }
     }

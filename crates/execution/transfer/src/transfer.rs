@@ -92,8 +92,8 @@ impl Transfer {
                 job.solve(&apart, |steps| steps)
             }
             Sync::Phase => {
-                let StraightLine { task, ways } = job.line()?;
-                job.solve(&[&[task]], |steps| spread(&steps, &ways))
+                let StraightLine { task, distances } = job.line()?;
+                job.solve(&[&[task]], |steps| spread(&steps, &distances))
             }
         }
     }
@@ -160,7 +160,7 @@ struct Job<'a> {
 struct StraightLine {
     task: AxisTask,
     /// Distance of each moving axis per unit of the line.
-    ways: Vec<f64>,
+    distances: Vec<f64>,
 }
 
 impl Job<'_> {
@@ -262,7 +262,7 @@ impl Job<'_> {
             }
         }
         let length = check::largest(&direction, &self.moving);
-        let ways: Vec<f64> = self
+        let distances: Vec<f64> = self
             .moving
             .iter()
             .map(|&i| if length > 0.0 { direction[i] / length } else { 0.0 })
@@ -272,18 +272,18 @@ impl Job<'_> {
             a: f64::INFINITY,
             j: f64::INFINITY,
         };
-        for (way, task) in ways.iter().zip(&self.tasks) {
-            if *way != 0.0 {
-                limits.v = limits.v.min(task.limits.v / way.abs());
-                limits.a = limits.a.min(task.limits.a / way.abs());
-                limits.j = limits.j.min(task.limits.j / way.abs());
+        for (distance, task) in distances.iter().zip(&self.tasks) {
+            if *distance != 0.0 {
+                limits.v = limits.v.min(task.limits.v / distance.abs());
+                limits.a = limits.a.min(task.limits.a / distance.abs());
+                limits.j = limits.j.min(task.limits.j / distance.abs());
             }
         }
         let along = |vector: &Axes| {
             let (mut sum, mut norm) = (0.0, 0.0);
-            for (way, &i) in ways.iter().zip(&self.moving) {
-                sum += way * vector[i];
-                norm += way * way;
+            for (distance, &i) in distances.iter().zip(&self.moving) {
+                sum += distance * vector[i];
+                norm += distance * distance;
             }
             if norm > 0.0 { sum / norm } else { 0.0 }
         };
@@ -294,27 +294,27 @@ impl Job<'_> {
         };
         let (from, mut to) = (state(self.from), state(self.to));
         to.p = along(&between);
-        for (way, &i) in ways.iter().zip(&self.moving) {
-            for (place, line, axis) in [
+        for (distance, &i) in distances.iter().zip(&self.moving) {
+            for (end, line, axis) in [
                 (TransferEnd::Start, from, self.from),
                 (TransferEnd::Target, to, self.to),
             ] {
                 for (quantity, off, limit) in [
                     (
                         Quantity::Velocity,
-                        axis.velocity[i] - way * line.v,
+                        axis.velocity[i] - distance * line.v,
                         self.limits.velocity[i],
                     ),
                     (
                         Quantity::Acceleration,
-                        axis.acceleration[i] - way * line.a,
+                        axis.acceleration[i] - distance * line.a,
                         self.limits.acceleration[i],
                     ),
                 ] {
                     if off.abs() > STRAIGHT * limit {
                         return Err(TransferError::NotStraight {
                             axis: AxisLetter::ALL[i],
-                            place,
+                            end,
                             quantity,
                             off,
                         });
@@ -324,18 +324,19 @@ impl Job<'_> {
         }
         Ok(StraightLine {
             task: AxisTask { limits, from, to },
-            ways,
+            distances,
         })
     }
 }
 
 /// Steps of the line as steps of the axes.
-fn spread(steps: &[Steps], ways: &[f64]) -> Vec<Steps> {
+fn spread(steps: &[Steps], distances: &[f64]) -> Vec<Steps> {
     let Some(line) = steps.first() else {
         return Vec::new();
     };
-    ways.iter()
-        .map(|way| line.iter().map(|step| (step.0, step.1 * way)).collect())
+    distances
+        .iter()
+        .map(|distance| line.iter().map(|step| (step.0, step.1 * distance)).collect())
         .collect()
 }
 
@@ -348,9 +349,9 @@ fn spread(steps: &[Steps], ways: &[f64]) -> Vec<Steps> {
 fn together(tasks: &[AxisTask], attempt: Attempt) -> Option<Vec<Steps>> {
     let resting = |task: &AxisTask| task.from.is_at_rest() && task.to.is_at_rest();
     let fastest = |task: &AxisTask| {
-        let limits = task.usable(attempt.share);
-        let way = task.to.p - task.from.p;
-        rest_to_rest(way.abs(), &limits).map(|step| (step.0, step.1 * way.signum()))
+        let limits = task.usable(attempt.fraction);
+        let distance = task.to.p - task.from.p;
+        rest_to_rest(distance.abs(), &limits).map(|step| (step.0, step.1 * distance.signum()))
     };
     let mut slowest = None;
     let mut slowest_s = -1.0;
@@ -360,14 +361,14 @@ fn together(tasks: &[AxisTask], attempt: Attempt) -> Option<Vec<Steps>> {
             (slowest, slowest_s) = (Some(k), lasting);
         }
     }
-    let asked: Vec<usize> = (0..tasks.len())
+    let pending: Vec<usize> = (0..tasks.len())
         .filter(|&k| slowest == Some(k) || !resting(&tasks[k]))
         .collect();
-    let questions: Vec<AxisTask> = asked.iter().map(|&k| tasks[k]).collect();
-    let answers = engine::fastest(&questions, &attempt.units(&questions), attempt.share)?;
+    let questions: Vec<AxisTask> = pending.iter().map(|&k| tasks[k]).collect();
+    let answers = engine::fastest(&questions, &attempt.units(&questions), attempt.fraction)?;
     let duration = answers.iter().map(|steps| lasting(steps)).fold(0.0, f64::max);
     let mut all: Vec<Steps> = vec![Steps::new(); tasks.len()];
-    for (k, steps) in asked.iter().zip(answers) {
+    for (k, steps) in pending.iter().zip(answers) {
         all[*k] = steps;
     }
     for (k, task) in tasks.iter().enumerate() {
@@ -394,7 +395,7 @@ struct Attempt {
     /// that an axis travels in one second at its speed limit.
     natural: bool,
     /// Fraction of the limits to use. Other digits lead the solver through other branches.
-    share: f64,
+    fraction: f64,
 }
 
 /// Number of attempts that use the limits in full.
@@ -403,19 +404,19 @@ const FULL: usize = 2;
 const ATTEMPTS: [Attempt; 4] = [
     Attempt {
         natural: true,
-        share: 1.0 - SPARE,
+        fraction: 1.0 - SPARE,
     },
     Attempt {
         natural: false,
-        share: 1.0 - SPARE,
+        fraction: 1.0 - SPARE,
     },
     Attempt {
         natural: true,
-        share: 1.0 - 1e-5,
+        fraction: 1.0 - 1e-5,
     },
     Attempt {
         natural: false,
-        share: 1.0 - 1e-3,
+        fraction: 1.0 - 1e-3,
     },
 ];
 
@@ -447,10 +448,10 @@ fn natural_time(tasks: &[AxisTask]) -> f64 {
 
 fn natural_length(task: &AxisTask, second: f64) -> f64 {
     let AxisLimits { v, .. } = task.limits;
-    let way = (task.to.p - task.from.p).abs();
+    let distance = (task.to.p - task.from.p).abs();
     let moving = (task.from.v.abs().max(task.to.v.abs())) * second
         + (task.from.a.abs().max(task.to.a.abs())) * second * second;
-    (way + moving).clamp(1e-9 * v * second, v * second)
+    (distance + moving).clamp(1e-9 * v * second, v * second)
 }
 
 #[cfg(test)]
@@ -485,8 +486,8 @@ mod tests {
                 let end = steps
                     .iter()
                     .fold(task.from, |state, &(t, jerk)| state.after(t, jerk));
-                let way = (task.to.p - task.from.p).abs();
-                (end.p - task.to.p).abs() < 1e-9 * way && end.v.abs() < 1e-9 * task.limits.v
+                let distance = (task.to.p - task.from.p).abs();
+                (end.p - task.to.p).abs() < 1e-9 * distance && end.v.abs() < 1e-9 * task.limits.v
             });
             assert!(arrived.count() >= 3, "case {case}");
         }

@@ -55,11 +55,11 @@ impl Question {
             let missing = self.to[0] - self.from[0] - first.1 + second.1;
             (first.0 + second.0, missing)
         };
-        let mut least = f64::INFINITY;
+        let mut min = f64::INFINITY;
         for speed in [self.v, -self.v] {
             let (time, missing) = through(speed);
             if missing / speed >= 0.0 {
-                least = least.min(time + missing / speed);
+                min = min.min(time + missing / speed);
             }
         }
         let steps = 4000;
@@ -77,15 +77,15 @@ impl Question {
                         high = middle;
                     }
                 }
-                least = least.min(through(high).0);
+                min = min.min(through(high).0);
             }
             before = now;
         }
-        least
+        min
     }
 }
 
-fn questions(seed: u64, cases: usize, rest: f64, mut ask: impl FnMut(usize, Question, f64)) {
+fn questions(seed: u64, cases: usize, rest: f64, mut solve_case: impl FnMut(usize, Question, f64)) {
     let (mut random, cases) = campaign(seed, cases);
     for case in 0..cases {
         let limits = limits(&mut random, 1);
@@ -102,7 +102,7 @@ fn questions(seed: u64, cases: usize, rest: f64, mut ask: impl FnMut(usize, Ques
             from: [from.position[0], from.velocity[0], from.acceleration[0]],
             to: [to.position[0], to.velocity[0], to.acceleration[0]],
         };
-        ask(case, question, transfer.duration_s());
+        solve_case(case, question, transfer.duration_s());
     }
 }
 

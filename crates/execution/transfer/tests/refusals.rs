@@ -52,7 +52,7 @@ fn numbers_that_are_none_are_refused_with_their_place() {
                 error,
                 TransferError::NotFinite {
                     axis: AxisLetter::Y,
-                    place: TransferEnd::Target,
+                    end: TransferEnd::Target,
                     quantity: Quantity::Acceleration,
                     ..
                 }
@@ -108,14 +108,12 @@ fn states_that_must_exceed_a_limit_are_rejected() {
     ] {
         let error = refused(&limits(), bad, at(50.0), Sync::Time);
         let TransferError::BeyondLimit {
-            place,
-            quantity: named,
-            ..
+            end, quantity: named, ..
         } = error
         else {
             panic!("{error}");
         };
-        assert_eq!((place, named), (TransferEnd::Start, quantity));
+        assert_eq!((end, named), (TransferEnd::Start, quantity));
     }
     // The same acceleration brakes: valid at the start, impossible at the target.
     assert!(Transfer::solve(&limits(), &moving(0.0, 80.0, -1000.0), &at(50.0), Sync::Time).is_ok());
@@ -124,7 +122,7 @@ fn states_that_must_exceed_a_limit_are_rejected() {
         matches!(
             error,
             TransferError::BeyondLimit {
-                place: TransferEnd::Target,
+                end: TransferEnd::Target,
                 ..
             }
         ),
@@ -140,7 +138,7 @@ fn the_travel_is_kept_at_both_ends_and_on_the_way() {
         matches!(
             error,
             TransferError::OutsideTravel {
-                place: TransferEnd::Target,
+                end: TransferEnd::Target,
                 position,
                 ..
             } if position == 200.001
@@ -180,7 +178,7 @@ fn motion_off_the_line_is_rejected_when_straight() {
             error,
             TransferError::NotStraight {
                 axis: AxisLetter::Y,
-                place: TransferEnd::Start,
+                end: TransferEnd::Start,
                 quantity: Quantity::Velocity,
                 off,
             } if (off - 0.5).abs() < 1e-12
@@ -255,14 +253,14 @@ fn ways_from_a_picometre_to_ten_metres_are_solved() {
     let mut wide = limits();
     (wide.travel_min, wide.travel_max) = (Axes::repeat(-2e4), Axes::repeat(2e4));
     for (exponent, from) in (-9..=4).flat_map(|exponent| [(exponent, 0.0), (exponent, 317.3)]) {
-        let way = 10_f64.powi(exponent);
+        let distance = 10_f64.powi(exponent);
         for sync in [Sync::Time, Sync::Phase, Sync::None] {
-            let transfer = Transfer::solve(&wide, &at(from), &at(from + way), sync).unwrap();
+            let transfer = Transfer::solve(&wide, &at(from), &at(from + distance), sync).unwrap();
             // As far as the digits of the position permit.
-            let way = (from + way) - from;
+            let distance = (from + distance) - from;
             // Jerk alone, as long as it does not reach 1000 mm/s2: 2 A^3 / J^2 = 5 mm.
-            if way < 5.0 {
-                let wanted = (32.0 * way / 20_000.0).cbrt();
+            if distance < 5.0 {
+                let wanted = (32.0 * distance / 20_000.0).cbrt();
                 assert!(
                     (transfer.duration_s() / wanted - 1.0).abs() < 1e-6,
                     "1e{exponent} mm"

@@ -206,27 +206,27 @@ fn a_straight_transfer_of_moving_states_is_straight() {
     let (mut random, cases) = campaign(0x7a_0007, 300);
     for case in 0..cases {
         let limits = limits(&mut random, 5);
-        let mut way = Axes::zeros();
+        let mut distance = Axes::zeros();
         for i in 0..5 {
-            way[i] = crate::common::sign(&mut random) * random.log(0.01, 300.0);
+            distance[i] = crate::common::sign(&mut random) * random.log(0.01, 300.0);
         }
         let mut from = AxesState::at_rest(Axes::zeros());
-        let mut to = AxesState::at_rest(way);
+        let mut to = AxesState::at_rest(distance);
         if case % 2 == 0 {
             // Half of the maximum speed along the line that its tightest axis permits.
-            let most = (0..5)
-                .map(|i| limits.velocity[i] / way[i].abs())
+            let max = (0..5)
+                .map(|i| limits.velocity[i] / distance[i].abs())
                 .fold(f64::INFINITY, f64::min);
-            from.velocity = way * (0.5 * most * random.unit());
-            to.velocity = way * (0.5 * most * random.unit());
+            from.velocity = distance * (0.5 * max * random.unit());
+            to.velocity = distance * (0.5 * max * random.unit());
         }
         let transfer = solved(&limits, &from, &to, Sync::Phase);
         for k in 0..=100 {
             let position = transfer.at(transfer.duration_s() * f64::from(k) / 100.0).position;
-            let along = position.dot(&way) / way.norm_squared();
-            let off = (position - way * along).amax();
+            let along = position.dot(&distance) / distance.norm_squared();
+            let off = (position - distance * along).amax();
             assert!(
-                off <= 1e-9 * way.norm().max(1.0),
+                off <= 1e-9 * distance.norm().max(1.0),
                 "case {case}: {off} mm off the line"
             );
         }

@@ -19,7 +19,7 @@ use crate::privileges::{lock_memory, raise_priority};
 /// Interval between two attempts to start a session.
 const RETRY: Duration = Duration::from_millis(500);
 /// Capacity for messages in each direction.
-const ROOM: usize = 4096;
+const CAPACITY: usize = 4096;
 /// Capacity for notices.
 const ROOM_FOR_NOTICES: usize = 64;
 
@@ -136,10 +136,10 @@ pub fn run_bridge<H: Hardware>(
 ) -> Result<BridgeRuns, BridgeError> {
     let (period_ns, sessions) = (AtomicU64::new(0), AtomicU64::new(0));
     let ended = AtomicBool::new(false);
-    let (mut incoming_in, mut incoming) = RingBuffer::new(ROOM);
-    let (mut feedback, mut feedback_out) = RingBuffer::new(ROOM);
-    let (mut inputs, mut inputs_out) = RingBuffer::new(ROOM);
-    let (mut spindles, mut spindles_out) = RingBuffer::new(ROOM);
+    let (mut incoming_in, mut incoming) = RingBuffer::new(CAPACITY);
+    let (mut feedback, mut feedback_out) = RingBuffer::new(CAPACITY);
+    let (mut inputs, mut inputs_out) = RingBuffer::new(CAPACITY);
+    let (mut spindles, mut spindles_out) = RingBuffer::new(CAPACITY);
     let (mut notices, mut notices_out) = RingBuffer::new(ROOM_FOR_NOTICES);
     let (failures, failures_out) = std::sync::mpsc::channel::<H::Failure>();
     let (remarks, remarks_out) = std::sync::mpsc::channel::<String>();

@@ -13,7 +13,7 @@ use crate::start_offset::StartOffsets;
 use crate::step_check::{StepCheck, TOLERATED_ACCELERATION};
 
 /// Capacity for future setpoints: the longest lead plus a burst.
-const ROOM: usize = 2048;
+const CAPACITY: usize = 2048;
 /// No core computes setpoints further ahead, ns.
 const FURTHEST_NS: u64 = 10_000_000_000;
 
@@ -140,7 +140,7 @@ impl Follower {
         let rest = Brake::new(BrakeState::default(), 1.0, 1.0);
         Ok(Self {
             settings,
-            queue: VecDeque::with_capacity(ROOM),
+            queue: VecDeque::with_capacity(CAPACITY),
             current: None,
             state: BridgeState::Waiting,
             note: Note::None,
@@ -237,7 +237,7 @@ impl Follower {
                 }
             }
         }
-        if self.queue.len() == ROOM {
+        if self.queue.len() == CAPACITY {
             self.queue.pop_front();
         }
         self.queue.push_back(point);

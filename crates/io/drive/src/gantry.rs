@@ -335,8 +335,8 @@ impl Gantry {
     fn square(&mut self, inputs: &GantryInputs, difference: f64) {
         let before = self.apart;
         if inputs.is_enabled && self.is_following {
-            let most = self.settings.square_velocity * inputs.period_s;
-            self.apart = self.apart.map(|apart| apart - apart.clamp(-most, most));
+            let max = self.settings.square_velocity * inputs.period_s;
+            self.apart = self.apart.map(|apart| apart - apart.clamp(-max, max));
             for side in 0..2 {
                 self.velocity[side] = (self.apart[side] - before[side]) / inputs.period_s;
             }

@@ -139,8 +139,8 @@ impl InputEntry {
     /// # Errors
     /// Its fault; it is then not used, and counted.
     pub fn take(&mut self, message: &MachineInputs, now_ns: u64) -> Result<(), InputFault> {
-        let result = self.check(message, now_ns).map(|place| {
-            self.sources[place] = Some(Source {
+        let result = self.check(message, now_ns).map(|slot| {
+            self.sources[slot] = Some(Source {
                 message: *message,
                 time_ns: message.time_ns.min(now_ns),
             });
@@ -213,10 +213,10 @@ impl InputEntry {
         if !PROBE_STATES.iter().any(|&(_, state)| state == message.probe) {
             return Err(InputFault::Probe(message.probe));
         }
-        let mut place = None;
+        let mut free = None;
         for (index, slot) in self.sources.iter().enumerate() {
             let Some(source) = slot else {
-                place = place.or(Some(index));
+                free = free.or(Some(index));
                 continue;
             };
             let before = &source.message;
@@ -230,7 +230,7 @@ impl InputEntry {
             }
             let is_old = now_ns.saturating_sub(source.time_ns) > self.timeout_ns;
             if is_old {
-                place = place.or(Some(index));
+                free = free.or(Some(index));
             } else if before.digital_mask & message.digital_mask != 0
                 || before.analog_mask & message.analog_mask != 0
                 || before.probe != PROBE_NONE && message.probe != PROBE_NONE
@@ -238,6 +238,6 @@ impl InputEntry {
                 return Err(InputFault::Claimed);
             }
         }
-        place.ok_or(InputFault::TooMany)
+        free.ok_or(InputFault::TooMany)
     }
 }

@@ -213,8 +213,8 @@ impl SpindleEncoder {
             }
         }
         (self.raw, self.time_ns) = (Some(raw), time_ns);
-        if let Some([least, most]) = &mut self.swept {
-            (*least, *most) = ((*least).min(self.counts), (*most).max(self.counts));
+        if let Some([min, max]) = &mut self.swept {
+            (*min, *max) = ((*min).min(self.counts), (*max).max(self.counts));
         }
         self.keep_edge(is_first);
         self.look_for_index();
@@ -345,8 +345,8 @@ impl SpindleEncoder {
         // Without an edge the speed is below one count per time since the last.
         let since_ns = self.time_ns.saturating_sub(last.time_ns);
         let bounded = if since_ns > SPACING_NS {
-            let most = 1.0 / since_ns as f64;
-            measured.clamp(-most, most)
+            let max = 1.0 / since_ns as f64;
+            measured.clamp(-max, max)
         } else {
             measured
         };
@@ -439,8 +439,8 @@ impl SpindleEncoder {
     }
 
     fn look_for_index(&mut self) {
-        if let Some([least, most]) = self.swept {
-            let counts = most.abs_diff(least);
+        if let Some([min, max]) = self.swept {
+            let counts = max.abs_diff(min);
             if counts > INDEX_WITHIN * self.index_interval() + u64::from(self.settings.index_tolerance) {
                 self.fault
                     .get_or_insert(SpindleEncoderFault::IndexMissing { counts });

@@ -83,13 +83,13 @@ impl SpindleOrientation {
         if self.phase == Phase::Off {
             (self.phase, self.integral) = (Phase::Approach, 0.0);
         }
-        let most = self.settings.max_rpm;
+        let max = self.settings.max_rpm;
         if self.phase == Phase::Approach {
-            if encoder.speed_rpm().abs() > CATCH_RATIO * most {
+            if encoder.speed_rpm().abs() > CATCH_RATIO * max {
                 return 0.0;
             }
             if !encoder.is_indexed() {
-                return if way == WAY_COUNTER_CLOCKWISE { -most } else { most };
+                return if way == WAY_COUNTER_CLOCKWISE { -max } else { max };
             }
             self.phase = Phase::Turn(encoder.angle() + self.distance(angle_deg, way, encoder.angle()));
         }
@@ -102,13 +102,13 @@ impl SpindleOrientation {
         } else {
             let _since = self.there_since_ns.get_or_insert(now_ns);
         }
-        let most = most / 60.0;
+        let max = max / 60.0;
         let integral = self.integral + self.settings.integral_gain * error * period_s;
         let proportional = self.settings.gain * error;
         if encoder.speed_rpm().abs() < INTEGRAL_BELOW * self.settings.max_rpm {
-            self.integral = integral.clamp(-INTEGRAL_RATIO * most, INTEGRAL_RATIO * most);
+            self.integral = integral.clamp(-INTEGRAL_RATIO * max, INTEGRAL_RATIO * max);
         }
-        (proportional + self.integral).clamp(-most, most) * 60.0
+        (proportional + self.integral).clamp(-max, max) * 60.0
     }
 
     /// Whether the spindle is at its angle and holds it.
@@ -219,8 +219,8 @@ mod tests {
                             off <= 0.4,
                             "{angle_deg} by {way} from {start:?}: {off} degrees off"
                         );
-                        let (least, most) = [(-0.6, 0.6), (-0.1, 1.1), (-1.1, 0.1)][way as usize];
-                        assert!((least..most).contains(&turned), "by {way}: {turned} turns");
+                        let (min, max) = [(-0.6, 0.6), (-0.1, 1.1), (-1.1, 0.1)][way as usize];
+                        assert!((min..max).contains(&turned), "by {way}: {turned} turns");
                     }
                 }
             }

@@ -132,8 +132,8 @@ mod tests {
                 "{ratios:?}"
             );
             // And no slower than that without a velocity.
-            let most = ratios.iter().fold(0.0_f64, |most, ratio| most.max(*ratio));
-            assert!(velocity != 0.0 || most > 0.99 * FRACTION, "{ratios:?}");
+            let max = ratios.iter().fold(0.0_f64, |max, ratio| max.max(*ratio));
+            assert!(velocity != 0.0 || max > 0.99 * FRACTION, "{ratios:?}");
         }
     }
 }

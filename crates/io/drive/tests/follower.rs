@@ -96,8 +96,8 @@ impl Bench {
     }
 
     /// The maximum velocity, acceleration and jerk over the targets, as fractions of the limits.
-    fn shares(&self) -> [f64; 3] {
-        let mut shares = [0.0_f64; 3];
+    fn limit_fractions(&self) -> [f64; 3] {
+        let mut limit_fractions = [0.0_f64; 3];
         for axis in 0..2 {
             let dt = PERIOD_NS as f64 * 1e-9;
             let differ = |values: &[f64]| -> Vec<f64> {
@@ -106,11 +106,11 @@ impl Bench {
             let mut values: Vec<f64> = self.targets.iter().map(|target| target.position[axis]).collect();
             for order in 0..3 {
                 values = differ(&values);
-                let most = values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
-                shares[order] = shares[order].max(most / LIMITS[order]);
+                let max = values.iter().fold(0.0, |max: f64, value| max.max(value.abs()));
+                limit_fractions[order] = limit_fractions[order].max(max / LIMITS[order]);
             }
         }
-        shares
+        limit_fractions
     }
 }
 
@@ -185,14 +185,17 @@ fn silence_ends_at_rest_within_limits_and_bounded() {
         assert_eq!(last.velocity, [0.0; AXES]);
         assert_eq!(bench.follower.note(), Note::Silence);
         // Distance: bridged periods at the present speed, plus a brake from the maximum speed.
-        let shares = bench.shares();
+        let limit_fractions = bench.limit_fractions();
         // 1 % for differences of positions.
-        assert!(shares.iter().all(|share| *share <= 1.01), "{end}: {shares:?}");
+        assert!(
+            limit_fractions.iter().all(|fraction| *fraction <= 1.01),
+            "{end}: {limit_fractions:?}"
+        );
         let sent = setpoint(end - 1);
         for axis in 0..2 {
             let v = LIMITS[0];
-            let most = v * f64::from(BRIDGED) * 1e-3 + v * (v / LIMITS[1] + LIMITS[1] / LIMITS[2]);
-            assert!((last.position[axis] - sent.position[axis]).abs() < most);
+            let max = v * f64::from(BRIDGED) * 1e-3 + v * (v / LIMITS[1] + LIMITS[1] / LIMITS[2]);
+            assert!((last.position[axis] - sent.position[axis]).abs() < max);
         }
         let held = bench.run(end + 400, end + 500, |_| true);
         assert_eq!(held.position, last.position);
@@ -222,8 +225,11 @@ fn suspended_bridge_brakes_from_last_target() {
             "{pause}"
         );
         assert!(bench.targets.len() > before);
-        let shares = bench.shares();
-        assert!(shares.iter().all(|share| *share <= 1.01), "{pause}: {shares:?}");
+        let limit_fractions = bench.limit_fractions();
+        assert!(
+            limit_fractions.iter().all(|fraction| *fraction <= 1.01),
+            "{pause}: {limit_fractions:?}"
+        );
     }
 }
 
@@ -274,8 +280,11 @@ fn a_jump_is_refused_and_what_follows_it_too() {
         bench.targets.last().map(|target| target.state),
         Some(BridgeState::Holding)
     );
-    let shares = bench.shares();
-    assert!(shares.iter().all(|share| *share <= 1.01), "{shares:?}");
+    let limit_fractions = bench.limit_fractions();
+    assert!(
+        limit_fractions.iter().all(|fraction| *fraction <= 1.01),
+        "{limit_fractions:?}"
+    );
 }
 
 /// Setpoints arrive two periods before they are due: the one that arrives in the period in which following
@@ -335,16 +344,22 @@ fn impossible_accelerations_and_times_are_refused() {
         assert_eq!(bench.follower.offer(bench.now_ns, &wrong), Err(Rejection::Jump));
         bench.cycle(None);
         bench.run(begin + 1, until, |_| false);
-        let shares = bench.shares();
-        assert!(shares.iter().all(|share| *share <= 1.01), "{shares:?}");
+        let limit_fractions = bench.limit_fractions();
+        assert!(
+            limit_fractions.iter().all(|fraction| *fraction <= 1.01),
+            "{limit_fractions:?}"
+        );
         // All from here on: the axes brake and hold.
         for cycle in until..until + 200 {
             let mut wrong = setpoint(cycle);
             deceive(&mut wrong);
             bench.cycle(Some(wrong));
         }
-        let shares = bench.shares();
-        assert!(shares.iter().all(|share| *share <= 1.05), "{shares:?}");
+        let limit_fractions = bench.limit_fractions();
+        assert!(
+            limit_fractions.iter().all(|fraction| *fraction <= 1.05),
+            "{limit_fractions:?}"
+        );
     }
     // At rest a core may pause, but nothing moves meanwhile.
     let mut bench = Bench::new();
@@ -391,7 +406,7 @@ fn nan_late_far_and_repeated_setpoints_change_nothing() {
         bench.targets.last().map(|target| target.state),
         Some(BridgeState::Following)
     );
-    assert!(bench.shares().iter().all(|share| *share <= 1.01));
+    assert!(bench.limit_fractions().iter().all(|fraction| *fraction <= 1.01));
 }
 
 /// A core dies in mid-motion and another starts at zero: the axes brake, under torque although the new core
@@ -422,8 +437,11 @@ fn new_core_stops_motion_of_old_one_within_limits() {
         (BridgeState::Holding, PowerRequest::Off)
     );
     assert!(off_after > Some(20), "{off_after:?}");
-    let shares = bench.shares();
-    assert!(shares.iter().all(|share| *share <= 1.01), "{shares:?}");
+    let limit_fractions = bench.limit_fractions();
+    assert!(
+        limit_fractions.iter().all(|fraction| *fraction <= 1.01),
+        "{limit_fractions:?}"
+    );
     assert_eq!(bench.follower.note(), Note::Restart);
 }
 

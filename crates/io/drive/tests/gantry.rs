@@ -151,10 +151,10 @@ impl Trial {
     /// Runs one period of the core, which moves to `goal` at `speed`, or stops.
     fn core(&mut self, goal: Option<f64>, speed: f64) -> (f64, bool) {
         let left = goal.map_or(0.0, |goal| goal - self.setpoint);
-        let most = speed
+        let max = speed
             .min((2.0 * ACCELERATION * left.abs()).sqrt())
             .min(left.abs() / PERIOD_S);
-        let wanted = if goal.is_some() { most * left.signum() } else { 0.0 };
+        let wanted = if goal.is_some() { max * left.signum() } else { 0.0 };
         let change = ACCELERATION * PERIOD_S;
         self.velocity += (wanted - self.velocity).clamp(-change, change);
         self.setpoint += self.velocity * PERIOD_S;
@@ -314,9 +314,9 @@ fn a_beam_that_is_racked_too_far_is_not_squared() {
         // period.
         let beyond = (0..2).map(|side| trial.beam.switch[side] - trial.beam.motor[side]);
         // One period until its edge is seen, and one until the other is found missing.
-        let most =
+        let max =
             trial.settings.max_difference + trial.settings.squaring_offset.abs() + 2.0 * SEARCH * PERIOD_S;
-        assert!(beyond.fold(0.0, f64::max) <= most + 2.0 * STEP);
+        assert!(beyond.fold(0.0, f64::max) <= max + 2.0 * STEP);
         // The fault persists until power is off; then the axis can leave the switch.
         assert!(trial.gantry.fault().is_some());
         trial.switch_off();

@@ -103,7 +103,7 @@ fn run(period_ns: u64, delay: usize, drift_ppm: f64, start_ns: f64, jitter_ns: f
 }
 
 fn largest(values: &[f64]) -> f64 {
-    values.iter().fold(0.0, |most, value| most.max(value.abs()))
+    values.iter().fold(0.0, |max, value| max.max(value.abs()))
 }
 
 #[test]
@@ -194,7 +194,7 @@ fn a_lock_that_has_settled_knows_drift_and_phase() {
 fn saturation_does_not_wind_the_integral_up() {
     let period_ns = 1_000_000;
     let run = run(period_ns, 4, 0.0, 0.5 * period_ns as f64, 0.0, 6000);
-    let overshoot = run.errors.iter().fold(0.0, |least: f64, error| least.min(*error));
+    let overshoot = run.errors.iter().fold(0.0, |min: f64, error| min.min(*error));
     assert!(-overshoot < 0.03 * 0.5 * period_ns as f64, "{overshoot}");
     assert!(largest(&run.errors[4000..]) < 0.01 * period_ns as f64);
 }

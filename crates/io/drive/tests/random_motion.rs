@@ -29,26 +29,26 @@ impl RandomMotion {
 
     /// One period of `t` seconds.
     pub(crate) fn advance(&mut self, random: &mut Random, t: f64) {
-        let [most_v, most_a, most_j] = self.limits;
+        let [max_v, max_a, max_j] = self.limits;
         if random.below(40) == 0 {
-            self.wanted = random.between(-0.9, 0.9) * most_v * random.below(4).min(1) as f64;
+            self.wanted = random.between(-0.9, 0.9) * max_v * random.below(4).min(1) as f64;
         }
         let [p, v, a] = self.state;
         let left = self.wanted - v;
         // The acceleration that leaves time to reduce it to zero, and at most the one that reaches the
         // velocity in one period.
-        let aim = most_a.min((most_j * left.abs()).sqrt()).min(left.abs() / t) * left.signum();
+        let aim = max_a.min((max_j * left.abs()).sqrt()).min(left.abs() / t) * left.signum();
         let j = if self.has_steps {
             self.state[2] = aim;
             0.0
         } else {
-            ((aim - a) / t).clamp(-most_j, most_j)
+            ((aim - a) / t).clamp(-max_j, max_j)
         };
         let a = self.state[2];
         self.state = [
             p + t * (v + t * (0.5 * a + t * j / 6.0)),
             v + t * (a + 0.5 * t * j),
-            (a + t * j).clamp(-most_a, most_a),
+            (a + t * j).clamp(-max_a, max_a),
         ];
     }
 }

@@ -413,12 +413,8 @@ fn run(random: &mut Random, met: &mut Met) {
         }
     }
     // Twice the motion's velocity while setpoints are bridged, and when following begins.
-    let most = 2.0 * 2.0 * SIZE * TURN * PERIOD_S + SYNC;
-    assert!(
-        bench.longest <= most,
-        "{} mm in a period, of {most}",
-        bench.longest
-    );
+    let max = 2.0 * 2.0 * SIZE * TURN * PERIOD_S + SYNC;
+    assert!(bench.longest <= max, "{} mm in a period, of {max}", bench.longest);
 }
 
 #[test]

@@ -215,9 +215,9 @@ fn braking_and_datum_changes_at_start_add_no_motion() {
             }
             assert_eq!(bench.actual[..2], [250.0, 0.0], "{case}");
             let ratios = bench.ratios();
-            let most = if is_silent { 1.0 } else { START };
+            let max = if is_silent { 1.0 } else { START };
             assert!(
-                ratios.iter().all(|ratio| *ratio <= most * (1.0 + ROUNDING)),
+                ratios.iter().all(|ratio| *ratio <= max * (1.0 + ROUNDING)),
                 "{case}: {ratios:?}"
             );
         }
@@ -260,9 +260,9 @@ fn no_start_leaves_the_limits() {
         // Differences may exceed the limits slightly because of discretisation and rounding of positions.
         let rate = 1e9 / period_ns as f64;
         let rounding = 4.0 * 2_000.0 * f64::EPSILON * rate * rate / acceleration;
-        let most = [1.0 + START, 1.0 + START + rounding].map(|most| most * 1.02);
+        let max = [1.0 + START, 1.0 + START + rounding].map(|max| max * 1.02);
         assert!(
-            ratios[0] <= most[0] && ratios[1] <= most[1],
+            ratios[0] <= max[0] && ratios[1] <= max[1],
             "case {case}: {period_ns} ns, {limits:?}, moves from {moves_from}, enabled from {enabled_from}: \
              {ratios:?}"
         );

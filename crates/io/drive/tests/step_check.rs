@@ -93,10 +93,10 @@ impl Bench {
             .collect();
         let v: Vec<f64> = x.windows(2).map(|pair| (pair[1] - pair[0]) * rate).collect();
         let a: Vec<f64> = v.windows(2).map(|pair| (pair[1] - pair[0]) * rate).collect();
-        let most = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+        let max = |values: &[f64]| values.iter().fold(0.0, |max: f64, value| max.max(value.abs()));
         [
-            most(&v) / self.settings.max_velocity[0],
-            most(&a) / self.settings.max_acceleration[0],
+            max(&v) / self.settings.max_velocity[0],
+            max(&a) / self.settings.max_acceleration[0],
         ]
     }
 }
@@ -288,8 +288,8 @@ fn motion_within_limits_is_followed_despite_losses() {
         let limits = [velocity, acceleration, random.log(3.0, 200.0) * acceleration];
         let settings = settings(period_ns, limits, SYNC);
         // Up to the amount that corrections and following a spindle may add.
-        let share = random.between(0.3, 1.95);
-        let driven = [velocity, share * acceleration, limits[2]];
+        let fraction = random.between(0.3, 1.95);
+        let driven = [velocity, fraction * acceleration, limits[2]];
         let has_steps = random.below(2) == 0;
         let mut motions =
             [(); 2].map(|()| RandomMotion::from_rest(random.between(-2_000.0, 2_000.0), driven, has_steps));
@@ -326,7 +326,7 @@ fn motion_within_limits_is_followed_despite_losses() {
                 assert_eq!(
                     taken,
                     Ok(()),
-                    "case {case}: {period_ns} ns, {limits:?}, {share}, steps {has_steps}, setpoint {sequence}"
+                    "case {case}: {period_ns} ns, {limits:?}, {fraction}, steps {has_steps}, setpoint {sequence}"
                 );
             }
             let target = follower.step(due_ns, sequence > 2, &actual);

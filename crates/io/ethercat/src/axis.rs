@@ -349,11 +349,9 @@ impl DriveAxis {
         if matches!(self.homing, HomingProgress::Done | HomingProgress::Failed) {
             return false;
         }
-        let most_periods = (homing.timeout_s / period_s) as u32;
+        let max_periods = (homing.timeout_s / period_s) as u32;
         let shows_mode = self.inputs.mode == HOMING_MODE;
-        self.homing = self
-            .homing
-            .step(self.inputs.status_word, shows_mode, most_periods);
+        self.homing = self.homing.step(self.inputs.status_word, shows_mode, max_periods);
         if self.homing == HomingProgress::Done {
             self.rename_by_drive();
         }

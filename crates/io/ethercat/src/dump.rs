@@ -602,7 +602,7 @@ mod tests {
         let [file, before] = ["wire.pcapng", "before"].map(|name| Limited::new(folder.path(), name, &left));
         let (mut sender, mut writer) =
             pair(file, before, &settings(folder.path()), "ec0", &counters).unwrap();
-        let (mut told, mut has_ended) = (Vec::new(), false);
+        let (mut reported, mut has_ended) = (Vec::new(), false);
         for number in 0..frames {
             let mut frame = [0x55; 201];
             frame[..4].copy_from_slice(&number.to_le_bytes());
@@ -616,64 +616,65 @@ mod tests {
                     .inspect_err(|error| counters.report(true, error))
                     .is_err();
             }
-            told.extend(counters.take_trouble().map(|trouble| (number, trouble)));
+            reported.extend(counters.take_trouble().map(|trouble| (number, trouble)));
         }
         if !has_ended {
             writer.finish().unwrap();
         }
-        told.extend(counters.take_trouble().map(|trouble| (frames, trouble)));
+        reported.extend(counters.take_trouble().map(|trouble| (frames, trouble)));
         drop(writer);
         let bytes = std::fs::read(folder.path().join("wire.pcapng")).unwrap();
         assert!(bytes.len() as u64 <= disk_bytes.min(MIN_DUMP_BYTES + 1024));
         let numbers = numbers(&bytes);
         assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1), "a gap");
-        (numbers, told)
+        (numbers, reported)
     }
 
     #[test]
     fn full_disk_drops_older_half_and_reports_at_once() {
         let (errno, half) = (ENOSPC, MIN_DUMP_BYTES / 2);
         // A frame takes 248 bytes, so that a half has some 2100.
-        let (numbers, told) = record_on(10 * MIN_DUMP_BYTES, u32::MAX, 10_000);
-        assert!(told.is_empty() && numbers.len() > 2114 && numbers.last() == Some(&9_999));
+        let (numbers, reported) = record_on(10 * MIN_DUMP_BYTES, u32::MAX, 10_000);
+        assert!(reported.is_empty() && numbers.len() > 2114 && numbers.last() == Some(&9_999));
         // No space for two halves: the older one is dropped, the newest frames are kept, and all blocks are
         // whole.
-        let (numbers, told) = record_on(half + half / 2, u32::MAX, 10_000);
+        let (numbers, reported) = record_on(half + half / 2, u32::MAX, 10_000);
         assert!(
             numbers.len() > 100 && numbers.last() == Some(&9_999),
             "{}",
             numbers.len()
         );
         assert!(
-            told.iter()
+            reported
+                .iter()
                 .all(|(_, trouble)| *trouble == DumpTrouble::HalfDropped { errno })
         );
-        assert!(told[0].0 > 2000 && told[0].0 < 3400, "{told:?}");
+        assert!(reported[0].0 > 2000 && reported[0].0 < 3400, "{reported:?}");
         // Other processes fill the disk while the newer half grows.
-        let (numbers, told) = record_on(10 * MIN_DUMP_BYTES, 3_000, 4_000);
+        let (numbers, reported) = record_on(10 * MIN_DUMP_BYTES, 3_000, 4_000);
         assert!(
             numbers[0] > 2000 && numbers.last() == Some(&3_999),
             "from {}",
             numbers[0]
         );
         assert!(
-            matches!(told[..], [(at, DumpTrouble::HalfDropped { .. })] if at < 3_060),
-            "{told:?}"
+            matches!(reported[..], [(at, DumpTrouble::HalfDropped { .. })] if at < 3_060),
+            "{reported:?}"
         );
         // Space for both halves, but not to join them: the newer one is unchanged.
-        let (numbers, told) = record_on(2 * half + 1024, u32::MAX, 3_000);
+        let (numbers, reported) = record_on(2 * half + 1024, u32::MAX, 3_000);
         assert!(
             numbers.len() > 500 && numbers.last() == Some(&2_999),
             "{}",
             numbers.len()
         );
-        assert_eq!(told, [(3_000, DumpTrouble::HalfDropped { errno })]);
+        assert_eq!(reported, [(3_000, DumpTrouble::HalfDropped { errno })]);
         // Not even for a half: it ends, at once, with whole blocks.
-        let (numbers, told) = record_on(half / 2, u32::MAX, 3_000);
+        let (numbers, reported) = record_on(half / 2, u32::MAX, 3_000);
         assert!(numbers.len() > 900 && numbers[0] == 0, "{}", numbers.len());
         assert!(
-            matches!(told[..], [(at, DumpTrouble::Ended { .. })] if at < 1100),
-            "{told:?}"
+            matches!(reported[..], [(at, DumpTrouble::Ended { .. })] if at < 1100),
+            "{reported:?}"
         );
     }
 

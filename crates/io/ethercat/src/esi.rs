@@ -150,11 +150,11 @@ impl EsiLibrary {
         };
         let text = text.trim_start_matches('\u{FEFF}');
         let document = Document::parse_with_options(text, options).map_err(|error| {
-            let place = error.pos();
+            let position = error.pos();
             EsiError::Xml {
                 file: file.to_owned(),
-                line: place.row,
-                column: place.col,
+                line: position.row,
+                column: position.col,
                 what: error.to_string(),
             }
         })?;
@@ -500,13 +500,13 @@ mod tests {
     #[test]
     fn invalid_files_are_rejected_with_their_position() {
         let mut library = EsiLibrary::default();
-        let told =
+        let error =
             |library: &mut EsiLibrary, text: &str| library.add_text(text, "x.xml").unwrap_err().to_string();
-        assert!(told(&mut library, "<EtherCATInfo>\n  <Vendor></EtherCATInfo>").starts_with("x.xml:2:"));
-        assert!(told(&mut library, "<html/>").contains("`html`, not EtherCATInfo"));
+        assert!(error(&mut library, "<EtherCATInfo>\n  <Vendor></EtherCATInfo>").starts_with("x.xml:2:"));
+        assert!(error(&mut library, "<html/>").contains("`html`, not EtherCATInfo"));
         // Entities are rejected, so they cannot expand.
         let bomb = "<!DOCTYPE a [<!ENTITY b \"bbbbbbbb\">]><EtherCATInfo>&b;</EtherCATInfo>";
-        assert!(told(&mut library, bomb).starts_with("x.xml:1:"));
+        assert!(error(&mut library, bomb).starts_with("x.xml:1:"));
         assert!(library.is_empty());
     }
 }

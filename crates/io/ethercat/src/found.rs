@@ -252,14 +252,16 @@ pub fn network_text(devices: &[FoundDevice], interface: &str, letters: &[AxisLet
         has_axis = true;
         let turn = if letter.is_rotary() { 360.0 } else { 5.0 };
         let fits = |increments, gear| Scale::new(increments, gear, turn).is_ok();
-        let told = device.increments_per_turn().filter(|&told| fits(told, [1, 1]));
-        let increments = told.unwrap_or(USUAL_INCREMENTS);
+        let reported = device
+            .increments_per_turn()
+            .filter(|&reported| fits(reported, [1, 1]));
+        let increments = reported.unwrap_or(USUAL_INCREMENTS);
         let _written = write!(
             text,
             "\n[device.axis]\nletter = \"{}\"\nincrements_per_turn = {increments} # {}\n{} = {turn} # a \
              guess\n",
             letter.letter(),
-            if told.is_some() { "by 608Fh" } else { "a guess" },
+            if reported.is_some() { "by 608Fh" } else { "a guess" },
             if letter.is_rotary() { "turn_deg" } else { "turn_mm" },
         );
         if let Some([motor, shaft]) = device.gear {

@@ -46,10 +46,10 @@ pub(crate) enum HomingProgress {
 
 impl HomingProgress {
     /// One period of a drive in operation in mode 6. `shows_mode`: the drive reports this mode.
-    pub(crate) const fn step(self, status_word: u16, shows_mode: bool, most_periods: u32) -> Self {
+    pub(crate) const fn step(self, status_word: u16, shows_mode: bool, max_periods: u32) -> Self {
         match self {
             Self::Needed if shows_mode => Self::Running(0),
-            Self::Running(periods) if periods > most_periods => Self::Failed,
+            Self::Running(periods) if periods > max_periods => Self::Failed,
             Self::Running(periods) if periods < BLIND_PERIODS => Self::Running(periods + 1),
             Self::Running(_) if status_word & ERROR != 0 => Self::Failed,
             Self::Running(_) if status_word & ATTAINED != 0 && status_word & TARGET_REACHED != 0 => {

@@ -232,15 +232,15 @@ fn need(mapped: &[Mapped], wanted: Mapped) -> Result<usize, PdoError> {
 }
 
 fn put<const N: usize>(image: &mut [u8], at: usize, bytes: [u8; N]) {
-    if let Some(place) = image.get_mut(at..at + N) {
-        place.copy_from_slice(&bytes);
+    if let Some(slot) = image.get_mut(at..at + N) {
+        slot.copy_from_slice(&bytes);
     }
 }
 
 fn get<const N: usize>(image: &[u8], at: usize) -> [u8; N] {
     let mut bytes = [0; N];
-    if let Some(place) = image.get(at..at + N) {
-        bytes.copy_from_slice(place);
+    if let Some(slot) = image.get(at..at + N) {
+        bytes.copy_from_slice(slot);
     }
     bytes
 }

@@ -285,15 +285,15 @@ async fn read_assignment<S: Deref<Target = SubDevice>>(
 ) -> Result<Vec<Pdo>, Error> {
     let mut pdos = Vec::new();
     let count: u8 = subdevice.sdo_read(assignment, 0).await?;
-    for place in 1..=count.min(MAX_PDOS) {
-        let index: u16 = subdevice.sdo_read(assignment, place).await?;
+    for slot in 1..=count.min(MAX_PDOS) {
+        let index: u16 = subdevice.sdo_read(assignment, slot).await?;
         let mut pdo = Pdo {
             index,
             ..Pdo::default()
         };
         let entries: u8 = subdevice.sdo_read(index, 0).await?;
-        for place in 1..=entries.min(MAX_ENTRIES) {
-            let number: u32 = subdevice.sdo_read(index, place).await?;
+        for slot in 1..=entries.min(MAX_ENTRIES) {
+            let number: u32 = subdevice.sdo_read(index, slot).await?;
             pdo.entries.push(PdoEntry {
                 index: (number >> 16) as u16,
                 sub_index: (number >> 8) as u8,

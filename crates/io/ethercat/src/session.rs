@@ -274,7 +274,7 @@ fn tell_states<'m>(
     network: &Network,
     wanted: SubDeviceState,
 ) -> String {
-    let mut told = Vec::new();
+    let mut problems = Vec::new();
     for (i, device) in network.devices.iter().enumerate() {
         let station = FIRST_STATION + i as u16;
         let read = pump.complete(monotonic_ns() + 100_000_000, async {
@@ -292,16 +292,16 @@ fn tell_states<'m>(
             Some(Ok((number, code))) if number & 0x0F < u8::from(wanted) || number & AL_ERROR != 0 => {
                 let state = SubDeviceState::from(number & 0x0F);
                 let remedy = what_to_check(code.into()).map_or_else(String::new, |text| format!(": {text}"));
-                told.push(format!("`{name}` is in {state} ({code}){remedy}"));
+                problems.push(format!("`{name}` is in {state} ({code}){remedy}"));
             }
             Some(Ok(_)) => {}
-            _ => told.push(format!(
+            _ => problems.push(format!(
                 "`{name}` does not reply: check its supply and the cable before it"
             )),
         }
     }
-    if told.is_empty() {
+    if problems.is_empty() {
         return format!("every device is in {wanted} again");
     }
-    told.join("; ")
+    problems.join("; ")
 }

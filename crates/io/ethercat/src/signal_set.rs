@@ -233,8 +233,8 @@ impl SignalSet {
                     let mut mask = u64::from(message.analog_mask);
                     set(&mut mask, 1 << input.number, value.is_some());
                     message.analog_mask = mask as u32;
-                    if let Some(place) = message.analog.get_mut(input.number as usize) {
-                        *place = value.unwrap_or(0.0);
+                    if let Some(slot) = message.analog.get_mut(input.number as usize) {
+                        *slot = value.unwrap_or(0.0);
                     }
                 }
             }
@@ -255,12 +255,12 @@ impl SignalSet {
             message.probe_position = [0.0; AXES];
             message.probe_latched_mask = 0;
         }
-        for (axis, place) in message.probe_position.iter_mut().enumerate() {
+        for (axis, slot) in message.probe_position.iter_mut().enumerate() {
             // Latched once: the datum may change afterwards.
             let is_new = AxisMask::from_bits(reading.latched_mask).contains(axis)
                 && !AxisMask::from_bits(message.probe_latched_mask).contains(axis);
             if is_new {
-                *place = reading.position[axis];
+                *slot = reading.position[axis];
                 message.probe_latched_mask |= AxisMask::one(axis).bits();
             }
         }

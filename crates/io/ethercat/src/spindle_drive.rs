@@ -62,7 +62,7 @@ pub(crate) struct SpindleDrive {
     rpm: f64,
     outputs_sequence: u64,
     reset_periods: u32,
-    told: Option<SpindleNotice>,
+    reported: Option<SpindleNotice>,
     news: Option<SpindleNotice>,
 }
 
@@ -94,7 +94,7 @@ impl SpindleDrive {
                     rpm: 0.0,
                     outputs_sequence: 0,
                     reset_periods: 0,
-                    told: None,
+                    reported: None,
                     news: None,
                 }
             })
@@ -155,13 +155,13 @@ impl SpindleDrive {
     }
 
     fn tell(&mut self, news: Option<SpindleNotice>) {
-        let is_same = match (&self.told, &news) {
+        let is_same = match (&self.reported, &news) {
             (Some(SpindleNotice::Encoder(_)), Some(SpindleNotice::Encoder(_)))
             | (Some(SpindleNotice::NotOriented), None) => true,
-            (told, news) => told == news,
+            (reported, news) => reported == news,
         };
         if !is_same {
-            (self.told, self.news) = (news, news.or(self.news));
+            (self.reported, self.news) = (news, news.or(self.news));
         }
     }
 
@@ -190,8 +190,8 @@ impl SpindleDrive {
             if let Some(orientation) = &mut self.orientation {
                 orientation.end();
             }
-            if self.told == Some(SpindleNotice::NotOriented) {
-                self.told = None;
+            if self.reported == Some(SpindleNotice::NotOriented) {
+                self.reported = None;
             }
         }
         let stands = self.encoder.is_standing();

@@ -12,7 +12,7 @@ use evolvent_path::AxisMask;
 use crate::axis::{AxisLimits, MesaAxis};
 use crate::board_settings::{Actuator, BoardAxis, BoardSettings, Pin};
 use crate::encoder_index::{EncoderIndex, IndexReading};
-use crate::field_pins::{InputPlace, OutputPlace};
+use crate::field_pins::{InputLocation, OutputLocation};
 use crate::plan::{Inputs, Outputs, Plan};
 use crate::session::SessionError;
 use crate::smart_serial::{bit_of, set_bit};
@@ -349,25 +349,25 @@ fn pairs(board: &BoardSettings) -> Vec<GantryPair> {
 
 /// Whether a pin is on.
 pub(crate) fn level(plan: &Plan, inputs: &Inputs, pin: Pin) -> bool {
-    let (register, bit) = match plan.input_place(pin) {
-        InputPlace::Remote { remote, bit } => {
+    let (register, bit) = match plan.input_location(pin) {
+        InputLocation::Remote { remote, bit } => {
             return bit_of(&inputs.serial.words[remote], bit) != pin.inverted;
         }
-        InputPlace::Port { port, bit } => (inputs.ports[port], bit),
-        InputPlace::Filter { unit, bit } => (inputs.filtered[unit], bit),
+        InputLocation::Port { port, bit } => (inputs.ports[port], bit),
+        InputLocation::Filter { unit, bit } => (inputs.filtered[unit], bit),
     };
     (register >> bit & 1 == 1) != pin.inverted
 }
 
 /// Switches a pin on or off.
 pub(crate) fn set(plan: &Plan, outputs: &mut Outputs, pin: Pin, on: bool) {
-    let (register, bit) = match plan.output_place(pin) {
-        OutputPlace::Remote { remote, bit } => {
+    let (register, bit) = match plan.output_location(pin) {
+        OutputLocation::Remote { remote, bit } => {
             return set_bit(&mut outputs.serial.words[remote], bit, on != pin.inverted);
         }
-        OutputPlace::Port { port, bit } => (&mut outputs.ports[port], bit),
-        OutputPlace::Relay { unit, bit } => (&mut outputs.field.relays[unit], bit),
-        OutputPlace::Simple { unit, bit } => (&mut outputs.field.simple[unit], bit),
+        OutputLocation::Port { port, bit } => (&mut outputs.ports[port], bit),
+        OutputLocation::Relay { unit, bit } => (&mut outputs.field.relays[unit], bit),
+        OutputLocation::Simple { unit, bit } => (&mut outputs.field.simple[unit], bit),
     };
     *register &= !(1 << bit);
     if on != pin.inverted {

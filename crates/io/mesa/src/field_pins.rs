@@ -24,7 +24,7 @@ const MAX_DIVISOR: f64 = 1023.0;
 
 /// The register bit of an input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum InputPlace {
+pub(crate) enum InputLocation {
     /// In the register of a port.
     Port { port: usize, bit: usize },
     /// In the filtered data of an InM.
@@ -35,7 +35,7 @@ pub(crate) enum InputPlace {
 
 /// The register bit of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum OutputPlace {
+pub(crate) enum OutputLocation {
     /// In the register of a port.
     Port { port: usize, bit: usize },
     /// In the data of an SSR.
@@ -47,26 +47,26 @@ pub(crate) enum OutputPlace {
 }
 
 /// The filter bit of a pin whose function is InM.
-pub(crate) const fn filter_place(function: PinFunction) -> Option<InputPlace> {
+pub(crate) const fn filter_location(function: PinFunction) -> Option<InputLocation> {
     let unit = function.unit as usize;
     if function.tag == tag::INPUT_FILTER && function.pin >= 1 && function.pin <= 32 && unit < MAX_FIELD_UNITS
     {
         let bit = function.pin as usize - 1;
-        return Some(InputPlace::Filter { unit, bit });
+        return Some(InputLocation::Filter { unit, bit });
     }
     None
 }
 
 /// The data bit of a pin whose function is an output of SSR or OutM.
-pub(crate) const fn output_place(function: PinFunction) -> Option<OutputPlace> {
+pub(crate) const fn output_location(function: PinFunction) -> Option<OutputLocation> {
     let (unit, pin) = (function.unit as usize, function.pin & 0x7F);
     if function.pin & 0x80 == 0 || unit >= MAX_FIELD_UNITS || pin == 0 {
         return None;
     }
     let bit = pin as usize - 1;
     match function.tag {
-        tag::RELAY if pin <= RELAYS => Some(OutputPlace::Relay { unit, bit }),
-        tag::SIMPLE_OUTPUT if pin <= 32 => Some(OutputPlace::Simple { unit, bit }),
+        tag::RELAY if pin <= RELAYS => Some(OutputLocation::Relay { unit, bit }),
+        tag::SIMPLE_OUTPUT if pin <= 32 => Some(OutputLocation::Simple { unit, bit }),
         _ => None,
     }
 }
@@ -93,9 +93,12 @@ impl FieldPins {
     ) -> Result<(), PlanError> {
         let found = crate::plan::module(board, tag::INPUT_FILTER, "input filter", unit, 5)?;
         crate::plan::grow(&mut self.filter, found, unit);
-        let pins = board.pins.iter().filter_map(|function| filter_place(*function));
-        let bits = pins.filter_map(|place| match place {
-            InputPlace::Filter { unit: other, bit } if other == unit => Some(bit as u32 + 1),
+        let pins = board
+            .pins
+            .iter()
+            .filter_map(|function| filter_location(*function));
+        let bits = pins.filter_map(|location| match location {
+            InputLocation::Filter { unit: other, bit } if other == unit => Some(bit as u32 + 1),
             _ => None,
         });
         self.widths[unit] = bits.max().unwrap_or(1);
@@ -225,20 +228,20 @@ mod tests {
     fn pins_of_modules_have_their_places() {
         let at = |tag, unit, pin| PinFunction { tag, unit, pin };
         assert_eq!(
-            filter_place(at(tag::INPUT_FILTER, 0, 11)),
-            Some(InputPlace::Filter { unit: 0, bit: 10 })
+            filter_location(at(tag::INPUT_FILTER, 0, 11)),
+            Some(InputLocation::Filter { unit: 0, bit: 10 })
         );
-        assert_eq!(filter_place(at(tag::INPUT_FILTER, 4, 11)), None);
+        assert_eq!(filter_location(at(tag::INPUT_FILTER, 4, 11)), None);
         assert_eq!(
-            output_place(at(tag::RELAY, 0, 0x81)),
-            Some(OutputPlace::Relay { unit: 0, bit: 0 })
+            output_location(at(tag::RELAY, 0, 0x81)),
+            Some(OutputLocation::Relay { unit: 0, bit: 0 })
         );
         assert_eq!(
-            output_place(at(tag::SIMPLE_OUTPUT, 0, 0x86)),
-            Some(OutputPlace::Simple { unit: 0, bit: 5 })
+            output_location(at(tag::SIMPLE_OUTPUT, 0, 0x86)),
+            Some(OutputLocation::Simple { unit: 0, bit: 5 })
         );
         // The reference is not an output, and 80h has no number.
-        assert_eq!(output_place(at(tag::RELAY, 0, RELAY_REFERENCE)), None);
-        assert_eq!(output_place(at(tag::RELAY, 0, 0x80)), None);
+        assert_eq!(output_location(at(tag::RELAY, 0, RELAY_REFERENCE)), None);
+        assert_eq!(output_location(at(tag::RELAY, 0, 0x80)), None);
     }
 }

@@ -115,7 +115,7 @@ impl Link {
     ///
     /// # Errors
     /// No reply of the expected length.
-    pub fn ask(&self, packet: &Packet, take: impl FnOnce(Reply<'_>)) -> Result<(), LinkError> {
+    pub fn request(&self, packet: &Packet, take: impl FnOnce(Reply<'_>)) -> Result<(), LinkError> {
         let mut buffer = [0; MAX_PACKET + 8];
         while self.receive(&mut buffer).is_some() {}
         for _ in 0..ATTEMPTS {
@@ -148,7 +148,7 @@ impl Link {
         let mut packet = Packet::new();
         packet.read(Space::Board, 0, 8)?;
         let mut name = [0; 16];
-        self.ask(&packet, |mut reply| {
+        self.request(&packet, |mut reply| {
             for pair in name.chunks_mut(2) {
                 pair.copy_from_slice(&reply.word().to_le_bytes());
             }
@@ -158,20 +158,20 @@ impl Link {
             .trim()
             .escape_default()
             .to_string();
-        Description::explore(name, &mut Asking(self))
+        Description::explore(name, &mut LinkRegisters(self))
     }
 }
 
 /// Register access with one packet per read.
-struct Asking<'a>(&'a Link);
+struct LinkRegisters<'a>(&'a Link);
 
-impl Registers for Asking<'_> {
+impl Registers for LinkRegisters<'_> {
     type Error = LinkError;
 
     fn read(&mut self, address: u16, values: &mut [u32]) -> Result<(), LinkError> {
         let mut packet = Packet::new();
         packet.read(Space::HostMot2, address, values.len())?;
         self.0
-            .ask(&packet, |mut reply| values.fill_with(|| reply.value()))
+            .request(&packet, |mut reply| values.fill_with(|| reply.value()))
     }
 }

@@ -10,7 +10,7 @@ use crate::board_settings::{
 };
 use crate::description::{Description, Module, tag};
 use crate::encoder_index::{INDEX_RISING, IndexCommand, QUADRATURE};
-use crate::field_pins::{FieldOutputs, FieldPins, InputPlace, MAX_FIELD_UNITS, OutputPlace};
+use crate::field_pins::{FieldOutputs, FieldPins, InputLocation, MAX_FIELD_UNITS, OutputLocation};
 use crate::packet::{Packet, PacketFull, Space};
 use crate::smart_serial::{Element, MAX_REMOTES, SerialInputs, SerialOutputs, SmartSerial};
 use evolvent_bus::SPINDLES;
@@ -92,12 +92,13 @@ pub(crate) struct RemoteSpindle {
 impl RemoteSpindle {
     /// Sets the fraction of the full speed, whether the spindle turns, and whether it turns
     /// counter-clockwise.
-    pub(crate) fn put(&self, outputs: &mut Outputs, share: f64, turns: bool, backwards: bool) {
+    pub(crate) fn put(&self, outputs: &mut Outputs, fraction: f64, turns: bool, backwards: bool) {
         let words = &mut outputs.serial.words[self.remote];
-        self.speed.put_share(words, if turns { share.abs() } else { 0.0 });
+        self.speed
+            .put_fraction(words, if turns { fraction.abs() } else { 0.0 });
         for (element, on) in [(&self.enable, turns), (&self.reverse, turns && backwards)] {
             if let Some(element) = element {
-                element.put_share(words, f64::from(u8::from(on)));
+                element.put_fraction(words, f64::from(u8::from(on)));
             }
         }
     }
@@ -124,8 +125,8 @@ pub(crate) struct Plan {
     /// Bits of field inputs and field outputs, by device and number.
     remote_bits: [[[usize; MAX_PINS]; MAX_REMOTES]; 2],
     /// Register bits of the pins that a module reads or sets.
-    reads: [Option<InputPlace>; MAX_PINS],
-    sets: [Option<OutputPlace>; MAX_PINS],
+    reads: [Option<InputLocation>; MAX_PINS],
+    sets: [Option<OutputLocation>; MAX_PINS],
     /// Bits of driven pins, and of those driven by modules.
     driven: [u32; MAX_PORTS],
     alternate: [u32; MAX_PORTS],
@@ -276,11 +277,11 @@ impl Plan {
             None => {}
             Some(SpindleSpeed::Pwm { unit, .. }) => self.use_pwm(board, unit)?,
             Some(SpindleSpeed::Remote { remote, .. }) => {
-                if let (Some(found), Some(place)) = (
+                if let (Some(found), Some(slot)) = (
                     self.serial.as_ref().and_then(|serial| serial.remotes.get(remote)),
                     self.spindles.get_mut(listed),
                 ) {
-                    *place = Some(RemoteSpindle {
+                    *slot = Some(RemoteSpindle {
                         remote,
                         speed: found.element(true, "SpinOut")?.clone(),
                         enable: found.element(true, "SpinEna").ok().cloned(),
@@ -321,7 +322,7 @@ impl Plan {
     }
 
     /// Port and bit of a pin.
-    const fn place(&self, pin: usize) -> (usize, usize) {
+    const fn port_bit(&self, pin: usize) -> (usize, usize) {
         (pin / self.port_width, pin % self.port_width)
     }
 
@@ -342,30 +343,30 @@ impl Plan {
 
     /// The value of an analog input on smart serial, by its index in the board file's list.
     pub(crate) fn number(&self, listed: usize, inputs: &Inputs) -> f64 {
-        let found = self.numbers.iter().find(|(place, ..)| *place == listed);
+        let found = self.numbers.iter().find(|(index, ..)| *index == listed);
         found.map_or(0.0, |(_, remote, element)| {
             element.value(&inputs.serial.words[*remote])
         })
     }
 
     /// The register bit of an input.
-    pub(crate) fn input_place(&self, pin: Pin) -> InputPlace {
+    pub(crate) fn input_location(&self, pin: Pin) -> InputLocation {
         if let Some(remote) = pin.remote {
             let bit = self.remote_bits[0][remote][pin.pin];
-            return InputPlace::Remote { remote, bit };
+            return InputLocation::Remote { remote, bit };
         }
-        let (port, bit) = self.place(pin.pin);
-        self.reads[pin.pin].unwrap_or(InputPlace::Port { port, bit })
+        let (port, bit) = self.port_bit(pin.pin);
+        self.reads[pin.pin].unwrap_or(InputLocation::Port { port, bit })
     }
 
     /// The register bit of an output.
-    pub(crate) fn output_place(&self, pin: Pin) -> OutputPlace {
+    pub(crate) fn output_location(&self, pin: Pin) -> OutputLocation {
         if let Some(remote) = pin.remote {
             let bit = self.remote_bits[1][remote][pin.pin];
-            return OutputPlace::Remote { remote, bit };
+            return OutputLocation::Remote { remote, bit };
         }
-        let (port, bit) = self.place(pin.pin);
-        self.sets[pin.pin].unwrap_or(OutputPlace::Port { port, bit })
+        let (port, bit) = self.port_bit(pin.pin);
+        self.sets[pin.pin].unwrap_or(OutputLocation::Port { port, bit })
     }
 
     /// Initial writes in order: everything at rest first, pins last. `outputs` are the inactive states.

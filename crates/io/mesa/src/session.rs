@@ -245,7 +245,7 @@ impl Cycle<'_> {
             let mut found = Inputs::default();
             let plan = &self.plan;
             self.link
-                .ask(&check, |reply| found = plan.take_reply(reply, &none))?;
+                .request(&check, |reply| found = plan.take_reply(reply, &none))?;
             if found.session == self.session && !found.has_bitten {
                 return Ok(());
             }
@@ -284,9 +284,9 @@ impl Cycle<'_> {
                 self.end();
                 ending = Some((now_ns, Err(error)));
             }
-            let asked = ends.bus.stop.load(Ordering::Relaxed)
+            let stop_requested = ends.bus.stop.load(Ordering::Relaxed)
                 || ends.bus.period_ns.load(Ordering::Relaxed) != self.period_ns;
-            if asked && ending.is_none() {
+            if stop_requested && ending.is_none() {
                 self.end();
                 ending = Some((now_ns, Ok(())));
             }

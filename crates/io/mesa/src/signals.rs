@@ -81,13 +81,13 @@ impl Signals {
     pub(crate) fn new(machine: &Machine, board: &BoardSettings, instance: u64) -> Self {
         let signals = &machine.signals;
         let (mut inputs, mut counters, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
-        for (place, input) in board.inputs.iter().enumerate() {
+        for (index, input) in board.inputs.iter().enumerate() {
             let Some(listed) = signals.inputs.iter().find(|listed| listed.name == input.name) else {
                 continue;
             };
             match (listed.kind, &input.source) {
                 (SignalKind::Digital, InputSource::Pin(pin)) => inputs.push((listed.number, *pin)),
-                (SignalKind::Analog, InputSource::Remote { .. }) => numbers.push((listed.number, place)),
+                (SignalKind::Analog, InputSource::Remote { .. }) => numbers.push((listed.number, index)),
                 (SignalKind::Analog, &InputSource::Encoder { unit, inverted }) => counters.push(Counter {
                     number: listed.number,
                     unit,
@@ -160,9 +160,9 @@ impl Signals {
             message.digital_mask |= 1 << number;
             message.digital |= u64::from(level(plan, inputs, *pin)) << number;
         }
-        for (number, place) in &self.numbers {
+        for (number, index) in &self.numbers {
             message.analog_mask |= 1 << number;
-            message.analog[*number as usize] = plan.number(*place, inputs);
+            message.analog[*number as usize] = plan.number(*index, inputs);
         }
         for counter in &mut self.counters {
             message.analog_mask |= 1 << counter.number;

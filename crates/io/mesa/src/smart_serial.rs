@@ -165,14 +165,14 @@ impl Element {
 
     /// Sets a fraction of the range: 0 is the minimum of an unsigned number or the zero of a signed one, 1
     /// the maximum.
-    pub(crate) fn put_share(&self, words: &mut [u32; WORDS], share: f64) {
+    pub(crate) fn put_fraction(&self, words: &mut [u32; WORDS], fraction: f64) {
         let full = 2.0_f64.powi(self.bits as i32) - 1.0;
         let raw = match self.kind {
             ElementKind::Number { signed: true } => {
                 let half = (full - 1.0) / 2.0;
-                (share.clamp(-1.0, 1.0) * half).round() as i64 as u64
+                (fraction.clamp(-1.0, 1.0) * half).round() as i64 as u64
             }
-            _ => (share.clamp(0.0, 1.0) * full).round() as u64,
+            _ => (fraction.clamp(0.0, 1.0) * full).round() as u64,
         };
         put_bits(words, self.offset, self.bits, raw);
     }
@@ -317,17 +317,17 @@ impl SmartSerial {
         }
         let deadline = Instant::now() + PATIENCE;
         for port in (0..ports).filter(|port| serial.masks[*port] != 0) {
-            let asking = Asking {
+            let setup = RemoteSetup {
                 link,
                 module,
                 port,
                 deadline,
             };
-            asking.start(SETUP_START, settings)?;
+            setup.start(SETUP_START, settings)?;
             for remote in settings.iter().filter(|remote| remote.port == port) {
-                serial.remotes.push(asking.describe(remote)?);
+                serial.remotes.push(setup.describe(remote)?);
             }
-            asking.start(START, settings)?;
+            setup.start(START, settings)?;
         }
         // In the order of the file, because pins refer to this order.
         let place = |remote: &Remote| {
@@ -431,14 +431,14 @@ const fn channel_address(module: &Module, register: u16, port: usize, channel: u
 }
 
 /// A port during discovery.
-struct Asking<'a> {
+struct RemoteSetup<'a> {
     link: &'a Link,
     module: Module,
     port: usize,
     deadline: Instant,
 }
 
-impl Asking<'_> {
+impl RemoteSetup<'_> {
     fn bad(&self, channel: usize, what: &'static str) -> RemoteError {
         RemoteError::Description {
             port: self.port,
@@ -487,7 +487,7 @@ impl Asking<'_> {
         poll.read(Space::HostMot2, command, 1)?;
         poll.read(Space::HostMot2, self.module.address(DATA_REGISTER, self.port), 1)?;
         let (mut busy, mut failed) = (0, 0);
-        self.link.ask(packet, |mut reply| {
+        self.link.request(packet, |mut reply| {
             (busy, failed) = (reply.value(), reply.value());
         })?;
         while busy as u16 != 0 {
@@ -496,7 +496,7 @@ impl Asking<'_> {
             }
             std::thread::sleep(Duration::from_micros(100));
             self.link
-                .ask(&poll, |mut reply| (busy, failed) = (reply.value(), reply.value()))?;
+                .request(&poll, |mut reply| (busy, failed) = (reply.value(), reply.value()))?;
         }
         Ok(failed)
     }
@@ -525,7 +525,7 @@ impl Asking<'_> {
         let address = channel_address(&self.module, USER + number, self.port, channel);
         packet.read(Space::HostMot2, address, 1)?;
         let mut value = 0;
-        self.link.ask(&packet, |mut reply| value = reply.value())?;
+        self.link.request(&packet, |mut reply| value = reply.value())?;
         Ok(value)
     }
 
@@ -558,23 +558,23 @@ impl Asking<'_> {
         if table == 0 {
             return Err(self.bad(channel, "it has no process data descriptors"));
         }
-        let mut places = Vec::new();
+        let mut addresses = Vec::new();
         for entry in 0..=MAX_RECORDS {
             match self.memory(channel, READ_WORD, table.wrapping_add(2 * entry))? as u16 {
                 0 => break,
                 _ if entry == MAX_RECORDS => return Err(self.bad(channel, "it has more than 64 records")),
-                place => places.push(place),
+                address => addresses.push(address),
             }
         }
-        for place in places {
-            self.record(channel, place, &mut remote)?;
+        for address in addresses {
+            self.record(channel, address, &mut remote)?;
         }
         Ok(remote)
     }
 
     /// One record: type and range, then unit and name.
-    fn record(&self, channel: usize, place: u16, remote: &mut Remote) -> Result<(), RemoteError> {
-        let [record, bits, kind, direction] = self.memory(channel, READ_LONG, place)?.to_le_bytes();
+    fn record(&self, channel: usize, address: u16, remote: &mut Remote) -> Result<(), RemoteError> {
+        let [record, bits, kind, direction] = self.memory(channel, READ_LONG, address)?.to_le_bytes();
         match record {
             0xA0 => {}
             // Modes.
@@ -582,12 +582,12 @@ impl Asking<'_> {
             _ => return Err(self.bad(channel, "a record has an unknown type")),
         }
         let number = |offset| {
-            let raw = self.memory(channel, READ_LONG, place.wrapping_add(offset))?;
+            let raw = self.memory(channel, READ_LONG, address.wrapping_add(offset))?;
             let value = f64::from(f32::from_bits(raw));
             Ok::<_, RemoteError>(if value.is_finite() { value } else { 0.0 })
         };
         let (min, max) = (number(4)?, number(8)?);
-        let mut at = place.wrapping_add(14);
+        let mut at = address.wrapping_add(14);
         let _unit = self.text(channel, &mut at)?;
         let name = self.text(channel, &mut at)?;
         let kind = match kind {

@@ -62,7 +62,7 @@ struct Spindle {
     has_drive_fault: bool,
     is_at_speed: Option<bool>,
     /// The last reported event.
-    told: Option<SpindleNotice>,
+    reported: Option<SpindleNotice>,
     news: Option<SpindleNotice>,
 }
 
@@ -99,7 +99,7 @@ impl SpindleSet {
                 is_reached: false,
                 has_drive_fault: false,
                 is_at_speed: None,
-                told: None,
+                reported: None,
                 news: None,
             }
         };
@@ -191,14 +191,14 @@ impl Spindle {
 
     /// Reports a persistent condition once.
     fn tell(&mut self, news: Option<SpindleNotice>) {
-        let is_same = match (&self.told, &news) {
+        let is_same = match (&self.reported, &news) {
             (Some(SpindleNotice::Encoder(_)), Some(SpindleNotice::Encoder(_))) => true,
             // The angle of M19 is dropped with its command.
             (Some(SpindleNotice::NotOriented(_)), None) => true,
-            (told, news) => told == news,
+            (reported, news) => reported == news,
         };
         if !is_same {
-            (self.told, self.news) = (news, news.or(self.news));
+            (self.reported, self.news) = (news, news.or(self.news));
         }
     }
 
@@ -253,8 +253,8 @@ impl Spindle {
             if let Some(orientation) = &mut self.orientation {
                 orientation.end();
             }
-            if matches!(self.told, Some(SpindleNotice::NotOriented(_))) {
-                self.told = None;
+            if matches!(self.reported, Some(SpindleNotice::NotOriented(_))) {
+                self.reported = None;
             }
         }
         let stands = self.encoder.is_none_or(|encoder| encoder.is_standing());

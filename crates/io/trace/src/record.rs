@@ -78,7 +78,7 @@ pub mod inputs {
     pub const OUTPUTS_SAFE: u32 = 4096;
     /// With [`WAITED`], bits 16 to 23 are the number, within the cycle, of the access to the plan that found
     /// nothing; from 0.
-    pub const FAILED_LOOK_SHIFT: u32 = 16;
+    pub const FAILED_LOOKUP_SHIFT: u32 = 16;
 }
 
 impl Default for CycleRecord {

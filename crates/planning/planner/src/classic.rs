@@ -5,7 +5,7 @@
 use evolvent_path::{Curve, JointKind, JointLimits, Move, MoveKind, PathMode, classify_joint};
 
 use crate::corner::round_corner;
-use crate::lookahead::LookAhead;
+use crate::lookahead::Lookahead;
 use crate::move_validator::check_travel;
 use crate::planner::PathRules;
 use crate::step::{PlanSink, Segment, SegmentMarks, Step};
@@ -29,7 +29,7 @@ struct OpenMove {
 /// Plans one program: joins moves and looks ahead.
 #[derive(Debug)]
 pub(crate) struct Classic<S> {
-    ahead: LookAhead<S>,
+    ahead: Lookahead<S>,
     rules: PathRules,
     held: Option<OpenMove>,
     deviation: f64,
@@ -39,7 +39,7 @@ impl<S: PlanSink> Classic<S> {
     /// Starts at rest at the beginning of the first move.
     pub(crate) fn new(limits: PathLimits, rules: PathRules, sink: S) -> Self {
         Self {
-            ahead: LookAhead::new(limits, sink),
+            ahead: Lookahead::new(limits, sink),
             rules,
             held: None,
             deviation: 0.0,
@@ -125,10 +125,10 @@ impl<S: PlanSink> Classic<S> {
             cap = 0.0;
         } else if kind != JointKind::Smooth {
             if let Some(tolerance) = self.tolerance(&held.motion, &next.motion) {
-                let room = (0.5 * left.domain())
+                let max_half = (0.5 * left.domain())
                     .min(left.domain() - held.from)
                     .min(0.5 * right.domain());
-                if let Some(rounding) = round_corner(left, right, tolerance, room) {
+                if let Some(rounding) = round_corner(left, right, tolerance, max_half) {
                     let within = check_travel::<()>(&Curve::Blend(rounding.blend), &limits).is_ok();
                     if within {
                         self.emit(&held, left.domain() - rounding.trim)?;

@@ -67,7 +67,7 @@ struct PlannedWindow {
 /// The end of the committed plan.
 #[derive(Clone, Copy, Debug)]
 struct PlanFrontier {
-    place: PathPosition,
+    position: PathPosition,
     entry: Entry,
     /// The step to which the next one is linked: the last committed one if a tail follows it now, or the Wait
     /// that reserves the link after a stop.
@@ -154,7 +154,7 @@ impl<S: PlanSink> Horizon<S> {
             optimizer: Optimizer::new(limits),
             limits: *axes,
             frontier: PlanFrontier {
-                place: PathPosition { interval: 0, x: 0.0 },
+                position: PathPosition { interval: 0, x: 0.0 },
                 entry: Entry::Rest,
                 link: None,
                 rest: 0,
@@ -250,7 +250,7 @@ impl<S: PlanSink> Horizon<S> {
             self.serve()?;
             if self.frontier.is_waiting {
                 let stops = (self.rests.len() - self.frontier.rest) as u64;
-                if self.grid.end() - self.frontier.place.interval + stops < MAX_BACKLOG {
+                if self.grid.end() - self.frontier.position.interval + stops < MAX_BACKLOG {
                     return Ok(());
                 }
                 self.sink.wait()?;
@@ -284,7 +284,7 @@ impl<S: PlanSink> Horizon<S> {
     /// The line of that failure, if there is one; 0 if unknown.
     pub(crate) fn failed_at(&self) -> Option<u32> {
         self.has_failed().then(|| {
-            let segment = self.grid.segment_of(self.frontier.place.interval);
+            let segment = self.grid.segment_of(self.frontier.position.interval);
             segment
                 .and_then(|(segment, _)| {
                     self.path
@@ -312,7 +312,7 @@ impl<S: PlanSink> Horizon<S> {
     /// Hands over the steps at the stop at the frontier. False if a request came in between.
     fn pass_rests(&mut self) -> Result<bool, S::Error> {
         while let Some(&rest) = self.rests.get(self.frontier.rest) {
-            if rest.at > self.frontier.place.interval || !matches!(self.frontier.entry, Entry::Rest) {
+            if rest.at > self.frontier.position.interval || !matches!(self.frontier.entry, Entry::Rest) {
                 break;
             }
             if let Some(step) = rest.step {
@@ -322,7 +322,7 @@ impl<S: PlanSink> Horizon<S> {
                 self.sink.step(&step)?;
                 self.appended += 1;
                 self.sink.commit(self.appended);
-                self.take_place(self.appended - 1);
+                self.link_reserved(self.appended - 1);
             }
             self.frontier.rest += 1;
         }
@@ -331,7 +331,7 @@ impl<S: PlanSink> Horizon<S> {
 
     /// The end of the next window, once enough path is known.
     fn window(&self, frontier: &PlanFrontier) -> Option<(u64, Exit)> {
-        let start = frontier.place.interval;
+        let start = frontier.position.interval;
         let rest = self.rests.get(frontier.rest).map(|rest| rest.at);
         let known = rest.unwrap_or_else(|| self.grid.end());
         let max = start + MAX_INTERVALS as u64;
@@ -350,7 +350,7 @@ impl<S: PlanSink> Horizon<S> {
         self.sink.solving();
         let solved = self.optimizer.plan(
             &self.grid,
-            frontier.place,
+            frontier.position,
             frontier.entry,
             until,
             exit,
@@ -388,8 +388,8 @@ impl<S: PlanSink> Horizon<S> {
         }
         self.pieces.clear();
         Err(FeedError::NoMotion {
-            interval: frontier.place.interval,
-            x: frontier.place.x,
+            interval: frontier.position.interval,
+            x: frontier.position.x,
             v,
             a,
         })
@@ -407,11 +407,11 @@ impl<S: PlanSink> Horizon<S> {
             match self.solve(frontier, until, exit) {
                 Ok(()) => return Ok((until, exit)),
                 Err(error)
-                    if until - frontier.place.interval > MIN_WINDOW
+                    if until - frontier.position.interval > MIN_WINDOW
                         && (matches!(error, FeedError::Window { .. })
                             || matches!(frontier.entry, Entry::Rest)) =>
                 {
-                    until = frontier.place.interval + (until - frontier.place.interval) / 2;
+                    until = frontier.position.interval + (until - frontier.position.interval) / 2;
                     exit = Exit::Open;
                 }
                 Err(error) => return Err(error),
@@ -426,7 +426,11 @@ impl<S: PlanSink> Horizon<S> {
             if self.serve()? {
                 return Ok(true);
             }
-            let ahead = self.frontier.place.interval.saturating_sub(self.sink.reached());
+            let ahead = self
+                .frontier
+                .position
+                .interval
+                .saturating_sub(self.sink.reached());
             let left = if ahead < SOON { 0 } else { LEFT_STEPS };
             let steps = self.pieces.len() + 2 + left;
             if self
@@ -475,7 +479,7 @@ impl<S: PlanSink> Horizon<S> {
                 self.sink.leave_open(first + committed as u64 - 1);
                 let (state, _) = piece.law.at(0.0);
                 PlanFrontier {
-                    place: PathPosition {
+                    position: PathPosition {
                         interval: piece.interval,
                         x: piece.from - self.interval_start(piece.interval),
                     },
@@ -488,7 +492,7 @@ impl<S: PlanSink> Horizon<S> {
                 }
             }
             None => PlanFrontier {
-                place: PathPosition {
+                position: PathPosition {
                     interval: until,
                     x: 0.0,
                 },
@@ -613,7 +617,7 @@ impl<S: PlanSink> Horizon<S> {
             _ => {
                 // At rest with nothing to follow: the cycle waits and sends a request.
                 self.append_wait()?;
-                self.take_place(self.appended - 1);
+                self.link_reserved(self.appended - 1);
                 self.failures += 1;
             }
         }
@@ -622,7 +626,7 @@ impl<S: PlanSink> Horizon<S> {
     }
 
     /// Links step `step` after the stop at the frontier, in place of the Wait that reserves the link.
-    fn take_place(&mut self, step: u64) {
+    fn link_reserved(&mut self, step: u64) {
         if let Some(wait) = self.frontier.link.take() {
             let _is_free = self.sink.link(wait, step);
         }

@@ -35,7 +35,7 @@
 //!   the speed there. The axis limits become constants for `u'`, `u''` and `u'''` on every [`Run`],
 //!   consecutive segments with similar limits. On a run the motion is a jerk-limited
 //!   [`Profile`] in closed form; between runs acceleration is zero. The
-//!   [`LookAhead`] gives every boundary the highest speed from which all that follows can be executed. The
+//!   [`Lookahead`] gives every boundary the highest speed from which all that follows can be executed. The
 //!   cycle solves the profile of the run that it enters, and of the present run again after a hold or an
 //!   override.
 //!
@@ -72,7 +72,7 @@ pub use evolvent_timing::{
 };
 
 pub use corner::{Rounding, round_corner};
-pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
+pub use lookahead::{Lookahead, PENDING_SEGMENTS, PENDING_STEPS};
 pub use move_validator::{MoveValidator, TRAVEL_SLACK};
 pub use path_stage::{PathItem, PathSink, PathStage};
 pub use planner::{PathRules, PlanError, Planner};

@@ -69,7 +69,7 @@ struct RunBuilder {
 
 /// The look-ahead of one program.
 #[derive(Debug)]
-pub struct LookAhead<S> {
+pub struct Lookahead<S> {
     limits: PathLimits,
     sink: S,
     pending: VecDeque<PendingStep>,
@@ -83,7 +83,7 @@ pub struct LookAhead<S> {
     scratch: Vec<DerivativeBounds>,
 }
 
-impl<S: PlanSink> LookAhead<S> {
+impl<S: PlanSink> Lookahead<S> {
     /// Starts at rest, without path.
     #[must_use]
     pub fn new(limits: PathLimits, sink: S) -> Self {
@@ -407,9 +407,9 @@ mod tests {
     use crate::SegmentMarks;
     use crate::recorder::{Recorder, equal_axes, point};
 
-    fn ahead() -> LookAhead<Recorder> {
+    fn ahead() -> Lookahead<Recorder> {
         let limits = PathLimits::new(equal_axes(500.0, 2000.0, 50_000.0), 1000.0, 1e-3);
-        LookAhead::new(limits, Recorder::default())
+        Lookahead::new(limits, Recorder::default())
     }
 
     fn straight(from: f64, to: f64) -> Segment {
@@ -463,11 +463,12 @@ mod tests {
             jerk: 49_500.0,
         };
         // Up to 100, down to 30 at the boundary, then to rest at the end; constant speed in between.
-        let way = |v0: f64, v1: f64| distance(v0, v1, &limits);
-        let time = |v0: f64, v1: f64| 2.0 * way(v0, v1) / (v0 + v1);
-        let first =
-            time(0.0, 100.0) + time(100.0, 30.0) + (200.0 - way(0.0, 100.0) - way(100.0, 30.0)) / 100.0;
-        let second = time(30.0, 0.0) + (200.0 - way(30.0, 0.0)) / 30.0;
+        let braking = |v0: f64, v1: f64| distance(v0, v1, &limits);
+        let time = |v0: f64, v1: f64| 2.0 * braking(v0, v1) / (v0 + v1);
+        let first = time(0.0, 100.0)
+            + time(100.0, 30.0)
+            + (200.0 - braking(0.0, 100.0) - braking(100.0, 30.0)) / 100.0;
+        let second = time(30.0, 0.0) + (200.0 - braking(30.0, 0.0)) / 30.0;
         let took = &ahead.sink().durations;
         assert!(
             (took[0] - first).abs() < 1e-9 && (took[1] - second).abs() < 1e-9,
@@ -573,14 +574,14 @@ mod tests {
     fn a_curve_is_divided_where_its_halves_differ() {
         // A narrow involute: the permitted speed grows with the radius of curvature.
         let radius = 2.0;
-        let place = |phi: f64| {
+        let position = |phi: f64| {
             let (sin, cos) = phi.sin_cos();
             point(radius * (cos + phi * sin), radius * (sin - phi * cos))
         };
         let involute = Involute::new(
             Plane::Xy,
-            place(0.5),
-            place(9.0),
+            position(0.5),
+            position(9.0),
             [0.0, 0.0],
             radius,
             Sense::CounterClockwise,

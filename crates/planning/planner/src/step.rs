@@ -278,7 +278,7 @@ pub trait PlanSink {
     ///
     /// # Errors
     /// The consumer has gone.
-    fn keep_place(&mut self) -> Result<(), Self::Error> {
+    fn reserve_link(&mut self) -> Result<(), Self::Error> {
         self.step(&Step::Wait)
     }
 

@@ -86,9 +86,9 @@ pub(crate) fn ratios<'a>(
         {
             return broken;
         }
-        let places = ((piece.duration_s / SAMPLE_S).ceil() as u32).clamp(SAMPLES.0, SAMPLES.1);
-        for k in 0..=places {
-            let t = piece.duration_s * f64::from(k) / f64::from(places);
+        let samples = ((piece.duration_s / SAMPLE_S).ceil() as u32).clamp(SAMPLES.0, SAMPLES.1);
+        for k in 0..=samples {
+            let t = piece.duration_s * f64::from(k) / f64::from(samples);
             let (state, jerk) = piece.law.at(t);
             let jet = segment.jet((piece.from + state.x).clamp(0.0, segment.length));
             for i in 0..AXES {

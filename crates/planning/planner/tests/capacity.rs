@@ -16,16 +16,20 @@ const MARKS: usize = 1 << 17;
 /// A sink that provides exactly the requested capacity.
 #[derive(Default)]
 struct Granting {
-    room: Cell<(usize, usize, usize)>,
+    capacity: Cell<(usize, usize, usize)>,
     blocks: Vec<u32>,
 }
 
 impl Granting {
     fn use_up(&self, steps: usize, segments: usize, marks: usize, what: &str) {
-        let room = self.room.get();
-        let left = |room: usize, used: usize| room.checked_sub(used).ok_or(what).expect("room for this");
-        self.room
-            .set((left(room.0, steps), left(room.1, segments), left(room.2, marks)));
+        let capacity = self.capacity.get();
+        let left =
+            |capacity: usize, used: usize| capacity.checked_sub(used).ok_or(what).expect("room for this");
+        self.capacity.set((
+            left(capacity.0, steps),
+            left(capacity.1, segments),
+            left(capacity.2, marks),
+        ));
     }
 }
 
@@ -54,7 +58,7 @@ impl PlanSink for Granting {
 
     fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
         assert!(marks < MARKS, "{marks} marks in one window");
-        self.room.set((steps, segments, marks));
+        self.capacity.set((steps, segments, marks));
         true
     }
 }

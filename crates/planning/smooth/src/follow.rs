@@ -84,13 +84,13 @@ fn xyz(p: &Axes) -> [f64; 3] {
     std::array::from_fn(|d| p[d])
 }
 
-/// The point of the lines in `range` nearest to `place`, searched from segment `middle`: by descent or, if
+/// The point of the lines in `range` nearest to `target`, searched from segment `middle`: by descent or, if
 /// `all`, exhaustively.
 pub(crate) fn nearest(
     chain: &Chain,
     range: (f64, f64),
     middle: usize,
-    place: &[f64; 3],
+    target: &[f64; 3],
     all: bool,
 ) -> Option<PathPoint> {
     let on = |number: usize| -> Option<(f64, PathPoint)> {
@@ -101,11 +101,11 @@ pub(crate) fn nearest(
         }
         let (start, slope) = (xyz(segment.start()), xyz(segment.slope()));
         // Slopes of lines in XYZ are unit vectors.
-        let at = (segment.from + dot(&minus(place, &start), &slope))
+        let at = (segment.from + dot(&minus(target, &start), &slope))
             .max(low)
             .min(high);
         let point = std::array::from_fn(|d| start[d] + slope[d] * (at - segment.from));
-        let error = minus(place, &point);
+        let error = minus(target, &point);
         let path_point = PathPoint {
             at,
             segment: number,
@@ -142,12 +142,12 @@ fn chord_deviation(chain: &Chain, a: &PathPoint, b: &PathPoint) -> f64 {
             break;
         };
         let offset = minus(&xyz(segment.start()), &a.point);
-        let share = if length2 > 0.0 {
+        let fraction = if length2 > 0.0 {
             (dot(&offset, &chord) / length2).clamp(0.0, 1.0)
         } else {
             0.0
         };
-        let beside: [f64; 3] = std::array::from_fn(|d| offset[d] - share * chord[d]);
+        let beside: [f64; 3] = std::array::from_fn(|d| offset[d] - fraction * chord[d]);
         max = max.max(dot(&beside, &beside));
     }
     max.sqrt()
@@ -163,7 +163,7 @@ pub(crate) fn follow(chain: &Chain, samples: &mut [Sample], which: Range<usize>,
         }
         let i = sample.interval;
         let error = sample.error(&points[i..i + 4]);
-        let place = std::array::from_fn(|d| error[d] + sample.centre[d]);
+        let target = std::array::from_fn(|d| error[d] + sample.centre[d]);
         let (here, before, after) = (
             sample.path_point(),
             samples[k - 1].path_point(),
@@ -173,7 +173,7 @@ pub(crate) fn follow(chain: &Chain, samples: &mut [Sample], which: Range<usize>,
             chord_deviation(chain, &before, path_point) <= samples[k - 1].chord_deviation
                 && chord_deviation(chain, path_point, &after) <= sample.chord_deviation
         };
-        let Some(best) = nearest(chain, sample.range, here.segment, &place, false) else {
+        let Some(best) = nearest(chain, sample.range, here.segment, &target, false) else {
             continue;
         };
         if !((best.at - here.at).abs() > MIN_MOVE * sample.tolerance) {
@@ -187,7 +187,7 @@ pub(crate) fn follow(chain: &Chain, samples: &mut [Sample], which: Range<usize>,
                 continue;
             };
             to.point = xyz(&segment.position(to.at));
-            let offset = minus(&place, &to.point);
+            let offset = minus(&target, &to.point);
             if !(dot(&offset, &offset) < dot(&error, &error)) || !holds(&to) {
                 continue;
             }

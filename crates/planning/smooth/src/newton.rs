@@ -86,15 +86,15 @@ impl<'a, const D: usize> Solver<'a, D> {
         }
         let count = problem.active.iter().filter(|&&active| active).count().min(D);
         let groups = GROUPS.map(|(first, count)| {
-            let (mut n, mut cols, mut places) = (0, [0; 3], [0; 3]);
+            let (mut n, mut cols, mut rows) = (0, [0; 3], [0; 3]);
             for d in 0..count {
                 if columns[first + d] != usize::MAX {
                     cols[n] = columns[first + d];
-                    places[n] = d;
+                    rows[n] = d;
                     n += 1;
                 }
             }
-            (n, cols, places)
+            (n, cols, rows)
         });
         Self {
             problem,
@@ -198,7 +198,7 @@ impl<'a, const D: usize> Solver<'a, D> {
             let i = sample.interval;
             let error = sample.error(&points[i..i + 4]);
             work.errors.push(error);
-            let (n, columns, places) = &self.groups[sample.group];
+            let (n, columns, rows) = &self.groups[sample.group];
             let (offset, inside) = sample.offset(&error);
             let ratio = crate::tube::dot(&offset, &offset) / sample.radius2;
             let flat = f64::from(u8::from(inside));
@@ -209,12 +209,12 @@ impl<'a, const D: usize> Solver<'a, D> {
             let mut g = [0.0; 3];
             let mut h = [[0.0; 3]; 3];
             for a in 0..*n {
-                let p = places[a];
+                let p = rows[a];
                 g[a] = offset[p];
             }
             for a in 0..*n {
                 for b in 0..*n {
-                    let (p, q) = (places[a], places[b]);
+                    let (p, q) = (rows[a], rows[b]);
                     h[a][b] = h1 * (h2 * g[a] * g[b] - flat * sample.along[p] * sample.along[q]);
                 }
                 h[a][a] += h1;
@@ -261,7 +261,7 @@ impl<'a, const D: usize> Solver<'a, D> {
         let mut limit: f64 = 1.0;
         for (sample, error) in self.problem.samples.iter().zip(&work.errors) {
             let i = sample.interval;
-            let (n, columns, places) = &self.groups[sample.group];
+            let (n, columns, rows) = &self.groups[sample.group];
             let mut change = [0.0; 3];
             for l in 0..4 {
                 if i + l < low || i + l >= high {
@@ -269,7 +269,7 @@ impl<'a, const D: usize> Solver<'a, D> {
                 }
                 let base = (i + l - low) * D;
                 for a in 0..*n {
-                    change[places[a]] += sample.weights[l] * work.step[base + columns[a]];
+                    change[rows[a]] += sample.weights[l] * work.step[base + columns[a]];
                 }
             }
             let max = 1.0 - MARGIN * (1.0 - sample.ratio(error));

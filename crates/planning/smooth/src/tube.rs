@@ -412,12 +412,12 @@ pub(crate) fn within_tolerance(chain: &Chain, (from, to): (f64, f64), piece: &Sp
             return false;
         }
         // The nearest point of the path nearby instead of that of the same parameter.
-        let place = piece.position(u - from);
-        let place = std::array::from_fn(|d| place[d]);
+        let position = piece.position(u - from);
+        let position = std::array::from_fn(|d| position[d]);
         if error.as_slice()[3..].iter().all(|&offset| offset == 0.0)
-            && let Some(near) = nearest(chain, range(chain, number, u, true), number, &place, true)
+            && let Some(near) = nearest(chain, range(chain, number, u, true), number, &position, true)
         {
-            let offset: [f64; 3] = std::array::from_fn(|d| place[d] - near.point[d]);
+            let offset: [f64; 3] = std::array::from_fn(|d| position[d] - near.point[d]);
             if dot(&offset, &offset) <= tolerance * tolerance {
                 continue;
             }
@@ -504,7 +504,7 @@ impl SampleBuilder<'_> {
             return;
         };
         let weights = values(self.basis, u - self.from);
-        let place = segment.position(u);
+        let position = segment.position(u);
         let tolerance = self.used_fraction * segment.tolerance;
         for (group, &(first, count)) in GROUPS.iter().enumerate() {
             if !self.active[first..first + count].iter().any(|&active| active) {
@@ -524,7 +524,7 @@ impl SampleBuilder<'_> {
                 range: (u, u),
                 chord_deviation: 0.0,
             };
-            made.centre[..count].copy_from_slice(&place.as_slice()[first..first + count]);
+            made.centre[..count].copy_from_slice(&position.as_slice()[first..first + count]);
             if group == 0 && segment.straight && self.slides {
                 self.lengthen(&mut made, number, segment, u);
             }

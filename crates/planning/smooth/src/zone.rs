@@ -448,8 +448,8 @@ impl BlendZone {
             self.open.clear();
             for sample in &self.samples[samples.clone()] {
                 let i = sample.interval;
-                let room = 1.0 - sample.ratio(&sample.error(&self.points[i..i + 4]));
-                if !(room >= MIN_MARGIN) && self.open.last() != Some(&i) {
+                let margin = 1.0 - sample.ratio(&sample.error(&self.points[i..i + 4]));
+                if !(margin >= MIN_MARGIN) && self.open.last() != Some(&i) {
                     self.open.push(i);
                 }
             }
@@ -548,7 +548,7 @@ pub(crate) fn spread(chain: &mut Chain, number: usize) {
 /// are the widths of the intervals from the end inwards, `sign` is -1 at the end of a zone.
 fn clamped(end_condition: &EndCondition, h1: f64, h2: f64, sign: f64) -> ([Axes; 3], usize) {
     match end_condition {
-        EndCondition::Position(place) => ([*place; 3], 1),
+        EndCondition::Position(position) => ([*position; 3], 1),
         EndCondition::Jet(jet) => {
             let first = jet.first * sign;
             let second = first + jet.second * (0.5 * h1);

@@ -106,7 +106,7 @@ fn programmed_points_are_within_two_tolerances() {
                 ..driven.partition_point(|&(at, _)| at <= u + 12.0 * tolerance);
             let missed = driven[near]
                 .iter()
-                .map(|(_, place)| distance(&(place - block.curve.end())))
+                .map(|(_, position)| distance(&(position - block.curve.end())))
                 .fold(f64::INFINITY, f64::min);
             assert!(
                 missed <= 2.01 * tolerance,

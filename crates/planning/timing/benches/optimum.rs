@@ -217,29 +217,29 @@ fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, Vec<
     let mut grid = Grid::new(&limits);
     path.push_to(&mut grid);
     let (mut optimizer, mut out) = (Optimizer::new(&limits), Vec::<TimeLawPiece>::new());
-    let (mut place, mut entry, mut done) = (PathPosition { interval: 0, x: 0.0 }, Entry::Rest, Vec::new());
+    let (mut position, mut entry, mut done) = (PathPosition { interval: 0, x: 0.0 }, Entry::Rest, Vec::new());
     let window = MAX_INTERVALS as u64;
     loop {
-        let until = grid.end().min(place.interval + window);
+        let until = grid.end().min(position.interval + window);
         let exit = if until == grid.end() {
             Exit::Rest
         } else {
             Exit::Open
         };
         optimizer
-            .plan(&grid, place, entry, until, exit, 1.0, &mut out)
+            .plan(&grid, position, entry, until, exit, 1.0, &mut out)
             .ok()?;
         if exit == Exit::Rest {
             done.append(&mut out);
             return Some((done.iter().map(|piece| piece.duration_s).sum(), done));
         }
-        let goal = place.interval + window / 2;
+        let goal = position.interval + window / 2;
         let commit = out.iter().position(|piece| piece.interval >= goal)?;
         done.extend(out.drain(..commit));
         let next = out.first()?;
         let state = next.law.at(0.0).0;
         let (_, begin) = grid.segment_of(next.interval)?;
-        place = PathPosition {
+        position = PathPosition {
             interval: next.interval,
             x: next.from - begin,
         };

@@ -128,8 +128,8 @@ pub(crate) fn check(
         };
         let mut fast = peak > cap * TARGET_RATIO.0;
         let mut track = Track::new();
-        for (i, place) in CHECK_FRACTIONS.into_iter().enumerate() {
-            let at = place * d;
+        for (i, fraction) in CHECK_FRACTIONS.into_iter().enumerate() {
+            let at = fraction * d;
             let state = (a + at * (2.0 * b + at * c), b + at * c, c);
             fast |= state.0 > cap * TARGET_RATIO.0 * TARGET_RATIO.0;
             if window.curved[k] == 0.0 {
@@ -144,8 +144,8 @@ pub(crate) fn check(
             && d > EXTRA_CHECK_MIN_S * a.max(x.a[k + 1]).max(0.0).sqrt()
             && let Some(segment) = grid.segment(cell.segment)
         {
-            for place in EXTRA_CHECK_FRACTIONS {
-                let at = place * d;
+            for fraction in EXTRA_CHECK_FRACTIONS {
+                let at = fraction * d;
                 let state = (a + at * (2.0 * b + at * c), b + at * c, c);
                 let point = Point::of(segment, cell.from + at, limits);
                 here.include(&Ratios::at(&point, state, limits, factor));

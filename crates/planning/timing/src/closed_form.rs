@@ -59,10 +59,10 @@ impl<'a> PathCursor<'a> {
         }
     }
 
-    fn point(&self, place: PathPosition) -> Option<Point> {
-        let cell = self.grid.cell(place.interval)?;
+    fn point(&self, position: PathPosition) -> Option<Point> {
+        let cell = self.grid.cell(position.interval)?;
         let segment = self.grid.segment(cell.segment)?;
-        Some(Point::of(segment, cell.from + place.x, self.grid.limits()))
+        Some(Point::of(segment, cell.from + position.x, self.grid.limits()))
     }
 }
 
@@ -116,8 +116,8 @@ fn tangential(grid: &Grid, from: PathPosition, until: u64, reach: f64) -> Option
     let (mut acceleration, mut jerk) = (f64::INFINITY, f64::INFINITY);
     let last = if reach > 0.0 { 16 } else { 0 };
     for k in 0..=last {
-        let place = walk.to(reach * f64::from(k) / 16.0);
-        let point = walk.point(place)?;
+        let position = walk.to(reach * f64::from(k) / 16.0);
+        let point = walk.point(position)?;
         acceleration = acceleration.min(axes.acceleration_along(&point.first));
         jerk = jerk.min(axes.jerk_along(&point.first));
     }
@@ -133,8 +133,8 @@ pub(crate) fn min_cap(grid: &Grid, from: PathPosition, until: u64, reach: f64, f
     let mut walk = PathCursor::new(grid, from, until);
     let mut min = f64::INFINITY;
     for k in 0..=CAP_SAMPLES {
-        let place = walk.to(reach * f64::from(k) / f64::from(CAP_SAMPLES));
-        min = min.min(walk.point(place)?.cap(factor));
+        let position = walk.to(reach * f64::from(k) / f64::from(CAP_SAMPLES));
+        min = min.min(walk.point(position)?.cap(factor));
     }
     Some(min)
 }
@@ -230,11 +230,11 @@ fn pieces(
     profile: &Profile,
     mut visit: impl FnMut(&TimeLawPiece) -> bool,
 ) -> bool {
-    let mut place = from;
+    let mut position = from;
     for (start, duration, j) in profile.phase_states() {
         let (mut state, mut left) = (start, duration);
         while left > 0.0 {
-            let Some(cell) = grid.cell(place.interval) else {
+            let Some(cell) = grid.cell(position.interval) else {
                 return false;
             };
             let law = TimeLaw::ConstantJerk {
@@ -242,9 +242,9 @@ fn pieces(
                 a: state.a,
                 j,
             };
-            let known_length = cell.length - place.x;
+            let known_length = cell.length - position.x;
             let reach = law.at(left).0.x;
-            let leaves = reach > known_length && place.interval + 1 < until;
+            let leaves = reach > known_length && position.interval + 1 < until;
             let t = if leaves {
                 law.time_to(known_length, left)
             } else {
@@ -257,8 +257,8 @@ fn pieces(
                     length,
                     duration_s: t,
                     segment: cell.segment,
-                    from: cell.from + place.x,
-                    interval: place.interval,
+                    from: cell.from + position.x,
+                    interval: position.interval,
                 };
                 if !visit(&piece) {
                     return false;
@@ -266,15 +266,15 @@ fn pieces(
             }
             let next = law.at(t).0;
             (state, left) = (next, left - t);
-            place = if leaves {
+            position = if leaves {
                 PathPosition {
-                    interval: place.interval + 1,
+                    interval: position.interval + 1,
                     x: 0.0,
                 }
             } else {
                 PathPosition {
-                    x: place.x + length,
-                    ..place
+                    x: position.x + length,
+                    ..position
                 }
             };
         }

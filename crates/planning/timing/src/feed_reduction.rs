@@ -86,7 +86,7 @@ impl Optimizer {
             last.from - begin + last.length,
             grid.interval_length(last.interval)?,
         );
-        let place = if x >= length {
+        let position = if x >= length {
             PathPosition {
                 interval: last.interval + 1,
                 x: 0.0,
@@ -99,7 +99,7 @@ impl Optimizer {
         };
         self.window.from_rest = false;
         self.window.spans.clear();
-        spans::plain(grid, place, until, &mut self.window.spans);
+        spans::plain(grid, position, until, &mut self.window.spans);
         self.grade(problem, true);
         self.balance(false);
         if self.window.spans.len() < 3 || !self.window.fetch(grid) {

@@ -13,8 +13,8 @@ const CRAWL_FRACTION: f64 = 0.3;
 
 /// The fading factor of the acceleration at distance `x` from a stub, over `length` but at most 45 % of
 /// `total`.
-fn fade(x: f64, length: f64, room: f64) -> f64 {
-    let reach = length.min(0.45 * room);
+fn fade(x: f64, length: f64, available: f64) -> f64 {
+    let reach = length.min(0.45 * available);
     if x < reach {
         let left = 1.0 - x / reach;
         left * left
@@ -45,7 +45,7 @@ pub(crate) fn fill(window: &Window, solved_spans: &[SolvedSpan], x: &mut Iterate
 /// station but one.
 pub(crate) fn crawl_to_end(window: &Window, first: usize, level: f64, lengths: f64, x: &mut Iterate) {
     let n = window.n();
-    let room: f64 = window.d[first..].iter().sum();
+    let available: f64 = window.d[first..].iter().sum();
     let stub = window.end.length;
     // From the end: the shape of b at the stations, and twice its integral.
     let (mut twice, mut at) = (0.0, 0.0);
@@ -55,7 +55,7 @@ pub(crate) fn crawl_to_end(window: &Window, first: usize, level: f64, lengths: f
         x.b[k] = if k == first {
             0.0
         } else {
-            fade(at, lengths * stub, room)
+            fade(at, lengths * stub, available)
         };
         twice += (x.b[k] + x.b[k + 1]) * window.d[k];
     }

@@ -16,14 +16,14 @@ fn round(grid: &Grid, optimizer: &mut Optimizer, out: &mut Vec<TimeLawPiece>) {
         let piece = out[out.len() / fraction];
         let state = piece.law.at(0.0).0;
         let (_, begin) = grid.segment_of(piece.interval).expect("known");
-        let place = PathPosition {
+        let position = PathPosition {
             interval: piece.interval,
             x: piece.from - begin,
         };
         let (v, a) = (state.v, state.a);
         let (entry, factor) = (Entry::Moving { v, a }, if fraction == 2 { 0.7 } else { 1.0 });
         optimizer
-            .plan(grid, place, entry, 60, Exit::Open, factor, out)
+            .plan(grid, position, entry, 60, Exit::Open, factor, out)
             .expect("plan");
     }
 }

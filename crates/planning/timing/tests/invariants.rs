@@ -89,12 +89,12 @@ impl Run<'_> {
                     duration_s: time,
                     ..piece
                 });
-                let place = PathPosition {
+                let position = PathPosition {
                     interval: piece.interval,
                     x: piece.from - begin + state.x,
                 };
                 self.plan.clear();
-                return Some((place, state.v, state.a));
+                return Some((position, state.v, state.a));
             }
             self.done.push(piece);
             time -= piece.duration_s;
@@ -203,19 +203,19 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, max_steps: Option<f64>) -> (
             let left: f64 = run.plan.iter().map(|piece| piece.duration_s).sum();
             let old = run.plan.clone();
             let time = left * random.unit() * 0.5;
-            let Some((place, v, a)) = run.follow(time) else {
+            let Some((position, v, a)) = run.follow(time) else {
                 break;
             };
             let rest = rest_of(&old, time);
             if random.unit() < 0.3 {
                 factor = random.log(0.1, 2.0);
             }
-            let next = (place.interval + window).min(grid.end()).max(until);
-            let next = next.min(place.interval + MAX_INTERVALS as u64);
+            let next = (position.interval + window).min(grid.end()).max(until);
+            let next = next.min(position.interval + MAX_INTERVALS as u64);
             replans += 1;
             match run.optimizer.plan(
                 &grid,
-                place,
+                position,
                 Entry::Moving { v, a },
                 next,
                 exit(next),

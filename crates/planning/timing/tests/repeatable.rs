@@ -20,9 +20,9 @@ fn two(grid: &Grid, optimizer: &mut Optimizer) -> (Vec<TimeLawPiece>, Vec<TimeLa
     optimizer
         .plan(grid, START, Entry::Rest, 40, Exit::Open, 1.0, &mut first)
         .expect("plan");
-    let (place, entry) = middle(grid, &first);
+    let (position, entry) = middle(grid, &first);
     optimizer
-        .plan(grid, place, entry, 60, Exit::Open, 0.8, &mut second)
+        .plan(grid, position, entry, 60, Exit::Open, 0.8, &mut second)
         .expect("plan");
     (first, second)
 }
@@ -31,12 +31,12 @@ fn middle(grid: &Grid, plan: &[TimeLawPiece]) -> (PathPosition, Entry) {
     let piece = plan[plan.len() / 2];
     let state = piece.law.at(0.0).0;
     let (_, begin) = grid.segment_of(piece.interval).expect("known");
-    let place = PathPosition {
+    let position = PathPosition {
         interval: piece.interval,
         x: piece.from - begin,
     };
     (
-        place,
+        position,
         Entry::Moving {
             v: state.v,
             a: state.a,
@@ -58,9 +58,9 @@ fn a_plan_does_not_depend_on_what_was_planned_before() {
 fn what_is_forgotten_serves_no_plan() {
     let (grid, mut optimizer) = grid(&square(10.0, 0.02, 30.0));
     let (first, _) = two(&grid, &mut optimizer);
-    let (place, entry) = middle(&grid, &first);
+    let (position, entry) = middle(&grid, &first);
     optimizer.forget();
     let mut out = Vec::new();
-    let plan = optimizer.plan(&grid, place, entry, 60, Exit::Open, 1.0, &mut out);
+    let plan = optimizer.plan(&grid, position, entry, 60, Exit::Open, 1.0, &mut out);
     assert!(matches!(plan, Err(FeedError::NoMotion { .. })) && out.is_empty());
 }

@@ -245,8 +245,8 @@ impl Reader<'_> {
 
     fn axis(&self, at: &str, axis: &AxisFile) -> Result<PrincipalAxis, ConfigError> {
         let key = |name: &str| format!("{at}.{name}");
-        let number = |name: &str, value: f64, least: f64, most: f64| {
-            self.sheet.number(&key(name), value, least, most).map(|()| value)
+        let number = |name: &str, value: f64, min: f64, max: f64| {
+            self.sheet.number(&key(name), value, min, max).map(|()| value)
         };
         let stiffness_n_m = number("stiffness_n_m", axis.stiffness_n_m, 1e3, 1e13)?;
         let mass_kg = match (axis.mass_kg, axis.frequency_hz) {
@@ -332,22 +332,22 @@ impl Reader<'_> {
         }
     }
 
-    fn range(&self, key: &str, range: [f64; 2], least: f64, most: f64) -> Result<[f64; 2], ConfigError> {
+    fn range(&self, key: &str, range: [f64; 2], min: f64, max: f64) -> Result<[f64; 2], ConfigError> {
         let [from, to] = range;
-        if from >= least && to <= most && from < to {
+        if from >= min && to <= max && from < to {
             return Ok(range);
         }
-        let advice = format!("give two rising numbers from {least} to {most}");
+        let advice = format!("give two rising numbers from {min} to {max}");
         Err(self.sheet.error(key, format!("from {from} to {to}"), advice))
     }
 
-    fn count(&self, key: &str, value: i64, least: i64, most: i64) -> Result<usize, ConfigError> {
-        if (least..=most).contains(&value)
+    fn count(&self, key: &str, value: i64, min: i64, max: i64) -> Result<usize, ConfigError> {
+        if (min..=max).contains(&value)
             && let Ok(value) = usize::try_from(value)
         {
             return Ok(value);
         }
-        let advice = format!("give a whole number from {least} to {most}");
+        let advice = format!("give a whole number from {min} to {max}");
         Err(self.sheet.error(key, format!("{value} is out of range"), advice))
     }
 

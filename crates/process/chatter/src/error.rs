@@ -9,16 +9,16 @@ use thiserror::Error;
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum ChatterError {
     /// A number is not finite or out of range.
-    #[error("{name} is {}: give a number from {least} to {most}", plain(*.value))]
+    #[error("{name} is {}: give a number from {min} to {max}", plain(*.value))]
     Number {
         /// Name.
         name: &'static str,
         /// As given.
         value: f64,
         /// Minimum.
-        least: f64,
+        min: f64,
         /// Maximum.
-        most: f64,
+        max: f64,
     },
     /// The cutting speed is not above the speed below which the force law is not trusted.
     #[error(
@@ -99,15 +99,15 @@ pub enum ChatterError {
     },
 }
 
-pub(crate) fn number(name: &'static str, value: f64, least: f64, most: f64) -> Result<(), ChatterError> {
+pub(crate) fn number(name: &'static str, value: f64, min: f64, max: f64) -> Result<(), ChatterError> {
     // No range contains NaN.
-    if (least..=most).contains(&value) {
+    if (min..=max).contains(&value) {
         return Ok(());
     }
     Err(ChatterError::Number {
         name,
         value,
-        least,
-        most,
+        min,
+        max,
     })
 }

@@ -169,11 +169,11 @@ pub(crate) fn shoot_near(
         longest_step_s: first_period / 16.0,
     };
     let promising = || {
-        let (mut least, mut stalled) = (f64::INFINITY, 0);
+        let (mut min, mut stalled) = (f64::INFINITY, 0);
         let near = &near;
         move |state: &State, closure: f64| {
-            stalled = if closure < 0.5 * least { 0 } else { stalled + 1 };
-            least = least.min(closure);
+            stalled = if closure < 0.5 * min { 0 } else { stalled + 1 };
+            min = min.min(closure);
             stalled < MAX_STALLED && near(state)
         }
     };

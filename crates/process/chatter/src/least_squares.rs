@@ -75,12 +75,12 @@ pub fn least_squares(
     let rest = model.equilibrium()?;
     let tool = model.tool();
     let omega = std::f64::consts::TAU * tool.axes[1].frequency_hz();
-    let most = (tool.speed_m_min - tool.floor_m_min) / 60.0 / omega;
+    let max = (tool.speed_m_min - tool.floor_m_min) / 60.0 / omega;
     // First stage: amplitudes in steps (those of V1 by their ratio to V2), with frequency and phase fitted at
     // each.
     let mut stepped: Vec<Option<(f64, Vec<f64>)>> = Vec::with_capacity(STEPS);
     for i in 0..STEPS {
-        let second = REACH * most * (i + 1) as f64 / STEPS as f64;
+        let second = REACH * max * (i + 1) as f64 / STEPS as f64;
         let mut best: Option<(f64, Vec<f64>)> = None;
         for k in 0..RATIOS {
             let first = second * libm::pow(10.0, -3.0 + 3.0 * k as f64 / (RATIOS - 1) as f64);
@@ -121,7 +121,7 @@ pub fn least_squares(
         // Converged to rest, or diverged.
         let amplitude = fit.amplitude_m[1];
         let known = |other: &Fit| (other.amplitude_m[1] / amplitude - 1.0).abs() < 1e-3;
-        if (0.02 * most..2.0 * REACH * most).contains(&amplitude) && !fits.iter().any(known) {
+        if (0.02 * max..2.0 * REACH * max).contains(&amplitude) && !fits.iter().any(known) {
             fits.push(fit);
         }
     }
@@ -254,13 +254,13 @@ impl Search<'_, '_> {
     }
 
     /// Levenberg-Marquardt method on the unknowns `free`; returns the mean squared residual.
-    fn fit(&self, unknowns: &mut Vec<f64>, free: &[usize], most: usize) -> Option<f64> {
+    fn fit(&self, unknowns: &mut Vec<f64>, free: &[usize], max: usize) -> Option<f64> {
         let count = free.len();
         let mean = |residuals: &[f64]| residuals.iter().map(|r| r * r).sum::<f64>() / SAMPLES as f64;
         let (mut residuals, mut derivatives, _) = self.residuals(unknowns, free)?;
         let mut value = mean(&residuals);
         let mut damping = 1e-3;
-        for _ in 0..most {
+        for _ in 0..max {
             let mut normal = vec![0.0; count * count];
             let mut gradient = vec![0.0; count];
             for (row, residual) in derivatives.chunks_exact(count).zip(&residuals) {

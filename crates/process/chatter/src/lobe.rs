@@ -125,13 +125,13 @@ pub trait Lobes {
     /// Frequencies to evaluate: 2000 over the modes, denser near each of them.
     fn frequencies(&self) -> Vec<f64> {
         let modes = self.modes();
-        let least = modes
+        let min = modes
             .iter()
             .map(|mode| mode.frequency_hz)
             .fold(f64::INFINITY, f64::min);
-        let most = modes.iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
+        let max = modes.iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
         let mut all: Vec<f64> = (0..800)
-            .map(|k| 0.3 * least * libm::pow(10.0 * most / least, f64::from(k) / 799.0))
+            .map(|k| 0.3 * min * libm::pow(10.0 * max / min, f64::from(k) / 799.0))
             .collect();
         for mode in &modes {
             // From far below the half width of the resonance to far above it.

@@ -280,11 +280,11 @@ impl Scanner {
                 .solve(model, driver, start, Condition::Amplitude(amplitude))?;
             let Some(tiny) = tiny else { continue };
             let [v1, v2] = self.balance.deflections(model, driver, &tiny);
-            let share = [v1[1].norm(), v2[1].norm()][driver] / v1[1].norm().max(v2[1].norm());
-            if best.as_ref().is_none_or(|best| share > best.2) {
-                best = Some((driver, tiny, share));
+            let fraction = [v1[1].norm(), v2[1].norm()][driver] / v1[1].norm().max(v2[1].norm());
+            if best.as_ref().is_none_or(|best| fraction > best.2) {
+                best = Some((driver, tiny, fraction));
             }
-            if share >= 1.0 {
+            if fraction >= 1.0 {
                 break;
             }
         }
@@ -387,7 +387,7 @@ impl Scanner {
         from: Balanced,
         branch: &mut Branch,
     ) -> Result<Balanced, ChatterError> {
-        let least = branch.points[0].amplitude_m;
+        let min = branch.points[0].amplitude_m;
         let mut here = from;
         let longest = 1.0 / self.steps;
         let mut step = longest;
@@ -424,7 +424,7 @@ impl Scanner {
             };
             self.roots(model, walk, &here, &next, &mut branch.cycles, 0)?;
             branch.points.push(point(&next));
-            if next.amplitude() <= least {
+            if next.amplitude() <= min {
                 branch.end = ScanEnd::Rest;
                 break;
             }

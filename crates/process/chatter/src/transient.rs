@@ -65,7 +65,7 @@ pub struct TransientFollower<'a> {
 struct Window {
     /// Maximum and minimum size, m/s.
     peak: f64,
-    least: f64,
+    min: f64,
     outside: bool,
 }
 
@@ -193,7 +193,7 @@ impl<'a> TransientFollower<'a> {
     /// This many steps of a motion; `None` at the end of the force law.
     fn window(&self, motion: &mut AdamsMotion, steps: usize) -> Option<Window> {
         // Squares of sizes.
-        let (mut peak, mut least) = (0.0_f64, f64::INFINITY);
+        let (mut peak, mut min) = (0.0_f64, f64::INFINITY);
         let (mut free, mut slowest) = (0, f64::INFINITY);
         for _ in 0..steps {
             let (speed, depth) = self.advance(motion)?;
@@ -201,12 +201,12 @@ impl<'a> TransientFollower<'a> {
             slowest = slowest.min(speed);
             free += usize::from(depth <= 0.0);
             peak = peak.max(square);
-            least = least.min(square);
+            min = min.min(square);
         }
         let free = free as f64 / steps as f64;
         peak.is_finite().then(|| Window {
             peak: libm::sqrt(peak),
-            least: libm::sqrt(least),
+            min: libm::sqrt(min),
             outside: slowest <= self.model.tool().floor_m_min || free > MAX_FREE_PART,
         })
     }
@@ -244,7 +244,7 @@ impl<'a> TransientFollower<'a> {
         let (mut run, mut run_peak) = (0, 0.0);
         // Shooting is expensive: each further attempt waits twice as long.
         let (mut next_attempt, mut wait, mut settled, mut arrived) = (4, 8, 0, 0);
-        let most = (self.longest_s / (self.step_s * self.window as f64)) as usize;
+        let max = (self.longest_s / (self.step_s * self.window as f64)) as usize;
         // Two periods show whether it begins within the model: a motion that leaves later has grown.
         if self
             .window(&mut motion, (self.two_periods_s / self.step_s) as usize)
@@ -253,7 +253,7 @@ impl<'a> TransientFollower<'a> {
             return (Fate::BeginsOutside, lingering);
         }
         let mut motion = AdamsMotion::new(start);
-        for k in 0..most {
+        for k in 0..max {
             let Some(window) = self.window(&mut motion, self.window) else {
                 return (Fate::Leaves, lingering);
             };
@@ -289,7 +289,7 @@ impl<'a> TransientFollower<'a> {
                 lingering = Some(Lingering { state, change });
             }
             let is_on = |sizes: &[f64; 2]| {
-                (window.least / sizes[0] - 1.0).abs() < 0.01 && (window.peak / sizes[1] - 1.0).abs() < 0.01
+                (window.min / sizes[0] - 1.0).abs() < 0.01 && (window.peak / sizes[1] - 1.0).abs() < 0.01
             };
             arrived = if self.known.iter().any(|(_, sizes)| is_on(sizes)) {
                 arrived + 1

@@ -60,7 +60,7 @@ fn low_speed_turning_limits_match_fine_grid() {
         };
         let turning = Turning::new(&[tool], 0.0, 2e9).unwrap();
         for speed in [20.0, 60.0, 100.0, 160.0, 250.0, 400.0, 1000.0] {
-            let mut least = f64::INFINITY;
+            let mut min = f64::INFINITY;
             let mut before: Option<(f64, f64)> = None;
             for k in 0..=200_000 {
                 let frequency = frequency_hz * (1.0 + 0.6 * f64::from(k) / 200_000.0);
@@ -74,12 +74,12 @@ fn low_speed_turning_limits_match_fine_grid() {
                     && (part - other).abs() < 0.5
                 {
                     // At the fraction 0 of a wave, on the line between both.
-                    least = least.min(depth + (limit.depth_m - depth) * other / (other - part));
+                    min = min.min(depth + (limit.depth_m - depth) * other / (other - part));
                 }
                 before = Some((limit.depth_m, part));
             }
             let what = format!("{frequency_hz} Hz, {speed} rpm");
-            near(turning.limit_at(speed).unwrap().depth_m, least, 1e-5, &what);
+            near(turning.limit_at(speed).unwrap().depth_m, min, 1e-5, &what);
         }
     }
 }
@@ -431,8 +431,8 @@ fn multiplier_is_one_at_limits_of_random_mills() {
     let (mut random, cases) = campaign(0x0c4a_0013, 24);
     let mut limits = 0;
     for _ in 0..cases {
-        let mut modes = |most: usize| -> Vec<Mode> {
-            let count = random.below(most + 1);
+        let mut modes = |max: usize| -> Vec<Mode> {
+            let count = random.below(max + 1);
             (0..count)
                 .map(|_| Mode {
                     frequency_hz: random.between(300.0, 1500.0),
@@ -521,11 +521,11 @@ fn mills_with_many_modes_have_a_limit() {
 /// A disturbance grows before it dies out, more so with more waves; the bound holds.
 #[test]
 fn growth_below_the_limit_is_bounded() {
-    for (rpm, depth_mm, least) in [(2000.0, 0.313, 4.0), (1000.0, 0.323, 300.0), (500.0, 0.311, 1e6)] {
+    for (rpm, depth_mm, min) in [(2000.0, 0.313, 4.0), (1000.0, 0.323, 300.0), (500.0, 0.311, 1e6)] {
         let delay = MillingDelay::milling(&mill_of(4000.0, 1.0), rpm).unwrap();
         // Growth of an impulse in a simulation, after many teeth.
         let bound = delay.growth(1e-3 * depth_mm).unwrap();
-        assert!((least..100.0 * least).contains(&bound), "{rpm} rpm: {bound}");
+        assert!((min..100.0 * min).contains(&bound), "{rpm} rpm: {bound}");
     }
 }
 

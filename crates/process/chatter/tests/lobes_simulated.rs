@@ -80,7 +80,7 @@ fn flip_and_hopf_limits_are_those_of_a_simulation() {
         let (samples, frequency) = stepped(immersion, rpm, 1.02 * limit);
         // Fits x(n + 2) = a x(n + 1) + b x(n), whose roots are the largest pair.
         let (mut xx, mut xy, mut yy, mut xz, mut yz) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        let scale = |n: usize| samples[n].iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        let scale = |n: usize| samples[n].iter().fold(0.0_f64, |max, x| max.max(x.abs()));
         for n in 0..samples.len() - 2 {
             for ((x, y), z) in samples[n].iter().zip(&samples[n + 1]).zip(&samples[n + 2]) {
                 let [x, y, z] = [x, y, z].map(|value| value / scale(n));
@@ -166,7 +166,7 @@ fn growth(frequency_hz: f64, immersion: f64, rpm: f64, depth_m: f64, teeth: usiz
             v += h / 6.0 * (a.1 + 2.0 * (b.1 + c.1) + d.1);
         }
         now.push(q);
-        sizes.push(now.iter().fold(0.0_f64, |most, q| most.max(q.abs())));
+        sizes.push(now.iter().fold(0.0_f64, |max, q| max.max(q.abs())));
         past = now;
     }
     let half = teeth / 2;

@@ -172,8 +172,8 @@ fn a_cut_with_unstable_cycles_only_leaves_the_model() {
             .cycles
             .iter()
             .map(|known| known.verified.multipliers[0].norm());
-        let least = known.fold(f64::INFINITY, f64::min);
-        near(least, multiplier, 5e-3, "multiplier");
+        let min = known.fold(f64::INFINITY, f64::min);
+        near(min, multiplier, 5e-3, "multiplier");
         let mut mapper = Mapper::new(5);
         assert_eq!(
             mapper.cell(sample.tool, &sample.law()).verdict,

@@ -37,7 +37,7 @@ pub enum ForceError {
     },
     /// The cut is outside the table.
     #[error(
-        "the table of forces ends before {} {quantity}: it covers {least} to {most}; extend the table",
+        "the table of forces ends before {} {quantity}: it covers {min} to {max}; extend the table",
         plain(*.value)
     )]
     Outside {
@@ -46,9 +46,9 @@ pub enum ForceError {
         /// As given.
         value: f64,
         /// First entry.
-        least: f64,
+        min: f64,
         /// Last entry.
-        most: f64,
+        max: f64,
     },
     /// The law gives a force that is negative or NaN.
     #[error(
@@ -69,16 +69,16 @@ pub enum ForceError {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum LawError {
     /// A number is not finite or out of range.
-    #[error("{name} is {}: give a number from {least} to {most}", plain(*.value))]
+    #[error("{name} is {}: give a number from {min} to {max}", plain(*.value))]
     Number {
         /// The coefficient.
         name: &'static str,
         /// As given.
         value: f64,
         /// Minimum.
-        least: f64,
+        min: f64,
         /// Maximum.
-        most: f64,
+        max: f64,
     },
     /// The rational law has a pole at this rake angle, at any feed.
     #[error(

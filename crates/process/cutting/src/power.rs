@@ -85,15 +85,15 @@ pub(crate) fn power(base: f64, exponent: f64) -> f64 {
     libm::exp(exponent * libm::log(base))
 }
 
-pub(crate) fn number(name: &'static str, value: f64, least: f64, most: f64) -> Result<(), LawError> {
+pub(crate) fn number(name: &'static str, value: f64, min: f64, max: f64) -> Result<(), LawError> {
     // No range contains NaN.
-    if (least..=most).contains(&value) {
+    if (min..=max).contains(&value) {
         return Ok(());
     }
     Err(LawError::Number {
         name,
         value,
-        least,
-        most,
+        min,
+        max,
     })
 }

@@ -305,8 +305,8 @@ impl Axis {
         ForceError::Outside {
             quantity: self.quantity,
             value,
-            least: self.entries.first().copied().unwrap_or(f64::NAN),
-            most: self.entries.last().copied().unwrap_or(f64::NAN),
+            min: self.entries.first().copied().unwrap_or(f64::NAN),
+            max: self.entries.last().copied().unwrap_or(f64::NAN),
         }
     }
 }

@@ -49,25 +49,25 @@ fn the_law_40x_r1_has_independently_computed_forces() {
 fn the_law_40x_r1_rises_and_falls_as_in_the_figure() {
     let law = steel(10.0, 60.0);
     let at = |v: f64| law.force(cut(v, 4.0, 0.49)).unwrap();
-    let (mut most, mut least, mut steepest) = ((0.0, 0.0_f64), (0.0, f64::INFINITY), 0.0_f64);
+    let (mut max, mut min, mut steepest) = ((0.0, 0.0_f64), (0.0, f64::INFINITY), 0.0_f64);
     for k in 0..=60_000 {
         let v = 10.0 + k as f64 * 1e-3;
         let force = at(v);
-        if force.tangential_n > most.1 {
-            most = (v, force.tangential_n);
+        if force.tangential_n > max.1 {
+            max = (v, force.tangential_n);
         }
-        if force.tangential_n < least.1 {
-            least = (v, force.tangential_n);
+        if force.tangential_n < min.1 {
+            min = (v, force.tangential_n);
         }
         steepest = steepest.min(force.per_speed);
     }
     assert!(
-        (most.0 - 38.33).abs() < 0.01 && (most.1 - 3753.9432).abs() < 1e-3,
-        "{most:?}"
+        (max.0 - 38.33).abs() < 0.01 && (max.1 - 3753.9432).abs() < 1e-3,
+        "{max:?}"
     );
     assert!(
-        (least.0 - 11.28).abs() < 0.01 && (least.1 - 3253.1849).abs() < 1e-3,
-        "{least:?}"
+        (min.0 - 11.28).abs() < 0.01 && (min.1 - 3253.1849).abs() < 1e-3,
+        "{min:?}"
     );
     assert!((steepest + 19.027_397_79).abs() < 1e-5, "{steepest}");
 }

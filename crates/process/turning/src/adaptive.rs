@@ -88,16 +88,16 @@ impl AdaptiveSettings {
 
 /// A setting is out of range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{name} is {}; it must lie from {least} to {most}", plain(*.value))]
+#[error("{name} is {}; it must lie from {min} to {max}", plain(*.value))]
 pub struct AdaptiveError {
     /// Name of the setting.
     pub name: &'static str,
     /// Its value.
     pub value: f64,
     /// Minimum.
-    pub least: f64,
+    pub min: f64,
     /// Maximum.
-    pub most: f64,
+    pub max: f64,
 }
 
 /// Why the feed is held.
@@ -176,7 +176,7 @@ pub struct AdaptiveFeed {
     stop: Option<AdaptiveStop>,
     overload_s: f64,
     blind_s: f64,
-    blind_most_s: f64,
+    max_blind_s: f64,
     air_s: f64,
     contact_s: f64,
 }
@@ -188,7 +188,7 @@ impl AdaptiveFeed {
     /// A setting that is out of range.
     pub fn new(settings: AdaptiveSettings) -> Result<Self, AdaptiveError> {
         let s = &settings;
-        for (name, value, least, most) in [
+        for (name, value, min, max) in [
             ("the set load", s.set_load, 1e-9, 1e9),
             ("the exponent of the feed", s.feed_exponent, 0.05, 3.0),
             ("the smallest factor", s.factor_min, MIN_FACTOR, 1.0),
@@ -211,12 +211,12 @@ impl AdaptiveFeed {
             ("the number of edges", f64::from(s.edges), 1.0, 100.0),
             ("the lag of the sensor in s", s.lag_s, 0.0, 1.0),
         ] {
-            if !(least..=most).contains(&value) {
+            if !(min..=max).contains(&value) {
                 return Err(AdaptiveError {
                     name,
                     value,
-                    least,
-                    most,
+                    min,
+                    max,
                 });
             }
         }
@@ -241,7 +241,7 @@ impl AdaptiveFeed {
             blind_s: 0.0,
             // The feed has to stop within a revolution of the last good reading, less the time to detect the
             // loss.
-            blind_most_s: (STAND_TURNS * s.turn_s - LoadWatch::notice_s(s.stale_s, s.period_s))
+            max_blind_s: (STAND_TURNS * s.turn_s - LoadWatch::notice_s(s.stale_s, s.period_s))
                 .clamp(0.0, 0.5 * s.turn_s),
             air_s: f64::INFINITY,
             contact_s: 0.0,
@@ -288,12 +288,12 @@ impl AdaptiveFeed {
             let ahead = 1.0 + AHEAD_LAGS * s.lag_s / s.turn_s;
             let engaged = view.depth_mm.max(view.depth_now_mm + ahead * view.growth_mm);
             let held = libm::pow(s.set_load / engaged.max(1e-12), 1.0 / s.feed_exponent);
-            let most = if self.contact_s < s.turn_s + SHOWN_LAGS * s.lag_s {
+            let max = if self.contact_s < s.turn_s + SHOWN_LAGS * s.lag_s {
                 s.factor_entry
             } else {
                 s.factor_max
             };
-            held.min(most).max(s.factor_min)
+            held.min(max).max(s.factor_min)
         };
         let (up, down) = (
             self.factor + s.slew_up_per_s * s.period_s,
@@ -318,19 +318,19 @@ impl AdaptiveFeed {
         if self.stop.is_some() {
             return;
         }
-        let least = engagement * libm::pow(s.factor_min, s.feed_exponent);
+        let min = engagement * libm::pow(s.factor_min, s.feed_exponent);
         if self.overload_s > s.overload_s {
             self.stop = Some(AdaptiveStop::Overload {
                 load,
                 limit: s.overload,
             });
-        } else if least > s.overload {
+        } else if min > s.overload {
             self.stop = Some(AdaptiveStop::TooDeep {
-                load: least,
+                load: min,
                 limit: s.overload,
             });
         } else if let Some(trouble) = trouble
-            && self.blind_s > self.blind_most_s
+            && self.blind_s > self.max_blind_s
         {
             self.stop = Some(AdaptiveStop::Sensor(trouble));
         }

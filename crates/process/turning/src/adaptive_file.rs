@@ -119,8 +119,8 @@ impl AdaptiveSettings {
             // The control period is not in the file.
             return Err(sheet.error(".", error.to_string(), "change the control rate of the machine"));
         };
-        let (least, most) = (error.least * scale, error.most * scale);
-        sheet.number(key, error.value * scale, least, most)?;
+        let (min, max) = (error.min * scale, error.max * scale);
+        sheet.number(key, error.value * scale, min, max)?;
         Err(sheet.error(key, error.to_string(), "correct the value"))
     }
 }

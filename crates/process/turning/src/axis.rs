@@ -102,9 +102,9 @@ impl AxisDrive {
 
     fn solve(&mut self, now: AxisPoint) {
         let moving = now.velocity != 0.0 || now.acceleration != 0.0;
-        let room = self.target - now.position;
+        let distance = self.target - now.position;
         if !moving {
-            self.sign = if room < 0.0 { -1.0 } else { 1.0 };
+            self.sign = if distance < 0.0 { -1.0 } else { 1.0 };
         }
         let from = ScalarState {
             x: 0.0,
@@ -112,13 +112,13 @@ impl AxisDrive {
             a: self.sign * now.acceleration,
         };
         (self.origin, self.time, self.turns_back) = (now.position, 0.0, false);
-        let room = self.sign * room;
+        let distance = self.sign * distance;
         let limits = ScalarLimits {
             velocity: self.speed,
             ..self.limits
         };
-        if self.speed <= 0.0 || room <= 0.0 {
-            self.turns_back = room != 0.0;
+        if self.speed <= 0.0 || distance <= 0.0 {
+            self.turns_back = distance != 0.0;
             self.profile = if moving {
                 Profile::brake(from, FAR_MM, 0.0, &self.limits)
             } else {
@@ -126,7 +126,7 @@ impl AxisDrive {
             };
             return;
         }
-        let profile = Profile::solve(from, room, 0.0, 0.0, &limits);
+        let profile = Profile::solve(from, distance, 0.0, 0.0, &limits);
         if profile.outcome() == Outcome::Overruns {
             self.turns_back = true;
             self.profile = Profile::brake(from, FAR_MM, 0.0, &self.limits);

@@ -1,7 +1,7 @@
 //! Backing off from a cut that is too deep.
 
 use crate::controller::TurningController;
-use crate::place_watch::CAUTION_MM;
+use crate::pass_watch::CAUTION_MM;
 use crate::settings::PassDepth;
 use crate::state::{Reason, TurningState};
 use crate::tip_contact::Front;
@@ -33,17 +33,17 @@ impl TurningController {
     pub(crate) fn too_deep(&mut self, depth: f64, limit: f64, confirm_s: f64) -> bool {
         let settings = self.settings;
         let regime = &settings.regime;
-        let least_time = match settings.strategy.depth {
+        let is_min_time = match settings.strategy.depth {
             PassDepth::LeastTime { .. } => true,
             PassDepth::Bounded { .. } => limit < regime.depth_max_mm,
             PassDepth::Final | PassDepth::KnownFinal => false,
         };
-        self.places.deep_s = if depth > DEEP * limit {
-            self.places.deep_s + settings.period_s
+        self.pass_watch.deep_s = if depth > DEEP * limit {
+            self.pass_watch.deep_s + settings.period_s
         } else {
             0.0
         };
-        if self.places.deep_s <= confirm_s || self.is_load_falling() {
+        if self.pass_watch.deep_s <= confirm_s || self.is_load_falling() {
             return false;
         }
         // This near to its end, the cut would be over before the shoulder is felt again.
@@ -52,8 +52,8 @@ impl TurningController {
             return false;
         }
         let out = self.out.point().position;
-        self.places.highest_felt_mm = self.places.highest_felt_mm.max(out + depth);
-        let wanted = if least_time {
+        self.pass_watch.highest_felt_mm = self.pass_watch.highest_felt_mm.max(out + depth);
+        let wanted = if is_min_time {
             self.part_of(out + depth).max(out + MIN_PART * depth)
         } else {
             out + depth - regime.depth_back_off_mm
@@ -93,7 +93,7 @@ impl TurningController {
             // A cut that was felt for less than a revolution, or that has slots, does not give the height of
             // the shoulder. The stock is there all the same, and has to be felt again before the job ends.
             self.felt.unproven_mm.get_or_insert(here.max(0.0));
-            self.places.cautious_to_mm = Some(shoulder + CAUTION_MM);
+            self.pass_watch.cautious_to_mm = Some(shoulder + CAUTION_MM);
             self.feed = 0.0;
             let out_mm = self.plan.out_mm;
             if out_mm > settings.allowance_max_mm {
@@ -124,14 +124,14 @@ impl TurningController {
     /// and each pass that ended at lower stock counts because such stock is not level. A gap does not count:
     /// it says nothing about the stock beside it.
     pub(crate) fn passes_left(&self) -> u32 {
-        self.passes_left_for(self.places.highest_felt_mm / HARDEST)
-            .saturating_sub(self.places.returned_low)
+        self.passes_left_for(self.pass_watch.highest_felt_mm / HARDEST)
+            .saturating_sub(self.pass_watch.returned_low)
     }
 
     /// Whether a pass may end on a thin position: the stock ahead may be as high as what was felt.
     pub(crate) fn may_return(&self) -> bool {
-        self.passes_left_for(self.places.highest_felt_mm)
-            > self.settings.regime.passes(self.places.highest_felt_mm)
+        self.passes_left_for(self.pass_watch.highest_felt_mm)
+            > self.settings.regime.passes(self.pass_watch.highest_felt_mm)
     }
 
     /// Whether the depth has been constant for a while, so that the rest of the pass is worth two passes.
@@ -140,12 +140,12 @@ impl TurningController {
         let here = self.along.point().position;
         let now = self.view.depth_mean_mm;
         let rest = (self.settings.length_mm - here).max(0.0);
-        let way = here - from;
+        let distance = here - from;
         let out = self.out.point().position;
         // Extrapolates over half of the rest at the present slope. The remaining passes must allow a split.
         self.state == TurningState::Cut
-            && way >= LEVEL_MM
+            && distance >= LEVEL_MM
             && self.part_of(out + now) >= out + MIN_PART * now
-            && now + 0.5 * rest * (now - depth) / way >= DEEP * self.constants.split_mm
+            && now + 0.5 * rest * (now - depth) / distance >= DEEP * self.constants.split_mm
     }
 }

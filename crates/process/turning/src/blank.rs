@@ -27,16 +27,16 @@ pub enum BlankError {
     #[error("the outline of the stock needs one point at least, and at most 10000")]
     Points,
     /// A number out of range.
-    #[error("{name} of the stock is {}; it must lie from {least} to {most}", plain(*.value))]
+    #[error("{name} of the stock is {}; it must lie from {min} to {max}", plain(*.value))]
     Number {
         /// Name.
         name: &'static str,
         /// Value.
         value: f64,
         /// Minimum.
-        least: f64,
+        min: f64,
         /// Maximum.
-        most: f64,
+        max: f64,
     },
     /// Positions that do not increase.
     #[error("the outline's places must not fall back: {after} mm comes after {before} mm")]
@@ -78,20 +78,20 @@ impl Blank {
         if self.outline_mm.is_empty() || self.outline_mm.len() > 10_000 {
             return Err(BlankError::Points);
         }
-        let within = |name, value: f64, least: f64, most: f64| {
-            if (least..=most).contains(&value) {
+        let within = |name, value: f64, min: f64, max: f64| {
+            if (min..=max).contains(&value) {
                 Ok(())
             } else {
                 Err(BlankError::Number {
                     name,
                     value,
-                    least,
-                    most,
+                    min,
+                    max,
                 })
             }
         };
-        for &(place, height) in &self.outline_mm {
-            within("a place", place, -1e4, 1e5)?;
+        for &(position, height) in &self.outline_mm {
+            within("a place", position, -1e4, 1e5)?;
             within("a height", height, 0.0, 1e3)?;
         }
         for pair in self.outline_mm.windows(2) {
@@ -121,19 +121,19 @@ impl Blank {
 
     /// Mean height at a position, mm.
     #[must_use]
-    pub fn height_mm(&self, place_mm: f64) -> f64 {
+    pub fn height_mm(&self, position_mm: f64) -> f64 {
         for &(from, to, height) in &self.grooves_mm {
-            if place_mm >= from && place_mm <= to {
+            if position_mm >= from && position_mm <= to {
                 return height;
             }
         }
         let points = &self.outline_mm;
-        let after = points.partition_point(|point| point.0 <= place_mm);
+        let after = points.partition_point(|point| point.0 <= position_mm);
         match (
             after.checked_sub(1).and_then(|i| points.get(i)),
             points.get(after),
         ) {
-            (Some(&(u0, h0)), Some(&(u1, h1))) => h0 + (h1 - h0) * (place_mm - u0) / (u1 - u0),
+            (Some(&(u0, h0)), Some(&(u1, h1))) => h0 + (h1 - h0) * (position_mm - u0) / (u1 - u0),
             (Some(&(_, height)), None) | (None, Some(&(_, height))) => height,
             (None, None) => 0.0,
         }
@@ -141,10 +141,10 @@ impl Blank {
 
     /// Factor of the load at a position.
     #[must_use]
-    pub fn hardness(&self, place_mm: f64) -> f64 {
+    pub fn hardness(&self, position_mm: f64) -> f64 {
         self.hard_spots
             .iter()
-            .find(|spot| place_mm >= spot.0 && place_mm <= spot.1)
+            .find(|spot| position_mm >= spot.0 && position_mm <= spot.1)
             .map_or(1.0, |spot| spot.2)
     }
 

@@ -1,18 +1,18 @@
 //! The chip thickness that belongs to a reading of the load.
 
 /// Positions stored over the time in which a chip forms.
-const PLACES: usize = 256;
+const SLOTS: usize = 256;
 
 /// The mean feed over the time in which a chip forms: the chip of an edge is the feed since the previous edge
 /// passed. The memory is of fixed size, independent of that time. Real-time safe.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ChipTrail {
     /// The distance fed, at every `stride`-th cycle.
-    ways: [f64; PLACES + 2],
+    feeds: [f64; SLOTS + 2],
     next: usize,
     stride: u32,
     since: u32,
-    way: f64,
+    travelled: f64,
     forming_cycles: f64,
 }
 
@@ -21,38 +21,38 @@ impl ChipTrail {
     pub(crate) fn new(forming_cycles: f64) -> Self {
         let forming_cycles = forming_cycles.max(1.0);
         Self {
-            ways: [0.0; PLACES + 2],
+            feeds: [0.0; SLOTS + 2],
             next: 0,
-            stride: (forming_cycles / PLACES as f64).ceil().clamp(1.0, 1e9) as u32,
+            stride: (forming_cycles / SLOTS as f64).ceil().clamp(1.0, 1e9) as u32,
             since: 0,
-            way: 0.0,
+            travelled: 0.0,
             forming_cycles,
         }
     }
 
     /// Advances by one cycle at a feed in any unit; returns the chip in that unit.
     pub(crate) fn step(&mut self, feed: f64) -> f64 {
-        self.way += feed;
+        self.travelled += feed;
         self.since += 1;
         if self.since == self.stride {
             self.since = 0;
-            self.next = (self.next + 1) % self.ways.len();
-            self.ways[self.next] = self.way;
+            self.next = (self.next + 1) % self.feeds.len();
+            self.feeds[self.next] = self.travelled;
         }
-        (self.way - self.before()) / self.forming_cycles
+        (self.travelled - self.before()) / self.forming_cycles
     }
 
     /// The distance when the chip began to form.
     fn before(&self) -> f64 {
         let back = (self.forming_cycles - f64::from(self.since)) / f64::from(self.stride);
         if back <= 0.0 {
-            return self.ways[self.next];
+            return self.feeds[self.next];
         }
-        let n = self.ways.len();
+        let n = self.feeds.len();
         let whole = (back as usize).min(n - 2);
-        let at = |places: usize| self.ways[(self.next + n - places) % n];
-        let share = (back - whole as f64).clamp(0.0, 1.0);
-        at(whole) + share * (at(whole + 1) - at(whole))
+        let at = |lags: usize| self.feeds[(self.next + n - lags) % n];
+        let fraction = (back - whole as f64).clamp(0.0, 1.0);
+        at(whole) + fraction * (at(whole + 1) - at(whole))
     }
 }
 

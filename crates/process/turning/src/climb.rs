@@ -18,7 +18,7 @@ pub(crate) struct Climb {
     /// Components of the direction along and across the cut.
     direction: (f64, f64),
     /// Its length, mm.
-    way_mm: f64,
+    length_mm: f64,
 }
 
 impl Climb {
@@ -27,17 +27,17 @@ impl Climb {
         let long = libm::hypot(1.0, cone.slope);
         let direction = (1.0 / long, cone.slope / long);
         let (along, out) = (&settings.along_limits, &settings.out_limits);
-        let least = |along: f64, out: f64| (along / direction.0).min(out / direction.1);
+        let min = |along: f64, out: f64| (along / direction.0).min(out / direction.1);
         let limits = ScalarLimits {
-            velocity: least(along.velocity, out.velocity),
-            acceleration: least(along.acceleration, out.acceleration),
-            jerk: least(along.jerk, out.jerk),
+            velocity: min(along.velocity, out.velocity),
+            acceleration: min(along.acceleration, out.acceleration),
+            jerk: min(along.jerk, out.jerk),
         };
         Self {
             drive: AxisDrive::new(0.0, &limits),
             from_mm,
             direction,
-            way_mm: (to_mm - from_mm.0) / direction.0,
+            length_mm: (to_mm - from_mm.0) / direction.0,
         }
     }
 
@@ -48,12 +48,12 @@ impl Climb {
 
     /// Advances by a period and returns the points of both axes.
     pub(crate) fn advance(&mut self, period_s: f64) -> (AxisPoint, AxisPoint) {
-        let way = self.drive.advance(period_s);
-        let axis = |from: f64, share: f64| AxisPoint {
-            position: from + share * way.position,
-            velocity: share * way.velocity,
-            acceleration: share * way.acceleration,
-            jerk: share * way.jerk,
+        let point = self.drive.advance(period_s);
+        let axis = |from: f64, fraction: f64| AxisPoint {
+            position: from + fraction * point.position,
+            velocity: fraction * point.velocity,
+            acceleration: fraction * point.acceleration,
+            jerk: fraction * point.jerk,
         };
         (
             axis(self.from_mm.0, self.direction.0),
@@ -67,7 +67,7 @@ impl TurningController {
     pub(crate) fn pass_end_mm(&self) -> f64 {
         let cone = self.settings.cone;
         self.stock_end_mm()
-            .min(cone.map_or(f64::INFINITY, |cone| cone.place_mm(self.plan.out_mm)))
+            .min(cone.map_or(f64::INFINITY, |cone| cone.position_mm(self.plan.out_mm)))
     }
 
     /// End of the climb: the shoulder at the end of the cone, or the end of the stock, mm.
@@ -83,7 +83,7 @@ impl TurningController {
         let from = (self.along.point().position, self.out.point().position);
         let end_mm = self.plan.stock_to_mm.min(self.settings.length_mm);
         let beyond = end_mm - from.0;
-        if beyond <= self.settings.tolerance_mm || from.0 < cone.place_mm(from.1) {
+        if beyond <= self.settings.tolerance_mm || from.0 < cone.position_mm(from.1) {
             return false;
         }
         // The depth at the end of the pass continues, less what the edge leaves at a wall within a
@@ -140,7 +140,7 @@ impl TurningController {
         let feed = (self.feed / cosine).min(settings.regime.feed_max_mm_rev);
         climb
             .drive
-            .aim(climb.way_mm, settings.speed_mm_s(feed) * factor.min(1.0));
+            .aim(climb.length_mm, settings.speed_mm_s(feed) * factor.min(1.0));
         if !climb.drive.has_arrived() {
             self.plan.end_s = 0.0;
             return;

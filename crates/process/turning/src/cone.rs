@@ -15,7 +15,7 @@ const MIN_DEG: f64 = 0.1;
 /// let cone = Cone::new(40.0, 30.0);
 /// assert_eq!(cone.height_mm(40.0), 0.0);
 /// assert!((cone.height_mm(50.0) - 5.7735).abs() < 1e-4);
-/// assert!((cone.place_mm(5.7735) - 50.0).abs() < 1e-3);
+/// assert!((cone.position_mm(5.7735) - 50.0).abs() < 1e-3);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cone {
@@ -29,7 +29,7 @@ pub struct Cone {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "the cone rises by {angle_deg:.2} degrees, and an edge with a lead angle of {lead_deg} degrees cuts \
-     cones from {MIN_DEG} to {most_deg} degrees: take a tool with another lead angle"
+     cones from {MIN_DEG} to {max_deg} degrees: take a tool with another lead angle"
 )]
 pub struct ConeError {
     /// Angle of the cone.
@@ -37,7 +37,7 @@ pub struct ConeError {
     /// Lead angle of the edge.
     pub lead_deg: f64,
     /// Maximum angle of a cone.
-    pub most_deg: f64,
+    pub max_deg: f64,
 }
 
 impl Cone {
@@ -72,14 +72,14 @@ impl Cone {
     /// A cone that is too flat, or nearly as steep as the edge.
     pub fn check(&self, tool: &CuttingEdge) -> Result<(), ConeError> {
         let angle_deg = self.angle_deg();
-        let most_deg = tool.lead_deg() - CLEARANCE_DEG;
-        if (MIN_DEG..=most_deg).contains(&angle_deg) {
+        let max_deg = tool.lead_deg() - CLEARANCE_DEG;
+        if (MIN_DEG..=max_deg).contains(&angle_deg) {
             Ok(())
         } else {
             Err(ConeError {
                 angle_deg,
                 lead_deg: tool.lead_deg(),
-                most_deg,
+                max_deg,
             })
         }
     }
@@ -93,7 +93,7 @@ impl Cone {
     /// Position at which the cone reaches a height, mm along the cut: a pass at this height meets it there.
     /// Real-time safe.
     #[must_use]
-    pub fn place_mm(&self, height_mm: f64) -> f64 {
+    pub fn position_mm(&self, height_mm: f64) -> f64 {
         self.from_mm + height_mm.max(0.0) / self.slope
     }
 }

@@ -9,13 +9,13 @@ use crate::job_constants::JobConstants;
 use crate::load_loss::LoadLoss;
 use crate::missing::SURE_MM;
 use crate::pass_plan::PassPlan;
-use crate::place_watch::{CAUTION_MM, PlaceWatch};
+use crate::pass_watch::{CAUTION_MM, PassWatch};
 use crate::protection_state::ProtectionState;
 use crate::record::SizeRecord;
 use crate::return_path::ReturnPath;
 use crate::settings::{SettingsError, TurningSettings};
 use crate::state::{Reason, Transition, TurningState};
-use crate::tip_contact::{CutNow, Front, UnderTip};
+use crate::tip_contact::{Front, TipCut, UnderTip};
 use crate::trail::Trail;
 use crate::watch::{LoadView, LoadWatch};
 
@@ -92,7 +92,7 @@ pub struct TurningController {
     pub(crate) climb: Option<Climb>,
     pub(crate) felt: FeltStock,
     pub(crate) loss: LoadLoss,
-    pub(crate) places: PlaceWatch,
+    pub(crate) pass_watch: PassWatch,
     pub(crate) guard: ProtectionState,
     pub(crate) constants: JobConstants,
 }
@@ -116,7 +116,7 @@ impl TurningController {
     /// # Errors
     /// Settings that [`TurningSettings::check`] rejects, and a start within the stock.
     pub fn starting_at(settings: TurningSettings, along_mm: f64, out_mm: f64) -> Result<Self, SettingsError> {
-        for (name, value, least, most) in [
+        for (name, value, min, max) in [
             ("the place of the start in mm", along_mm, -1e4, 0.0),
             (
                 "the height of the start in mm",
@@ -125,12 +125,12 @@ impl TurningController {
                 1e4,
             ),
         ] {
-            if !(least..=most).contains(&value) {
+            if !(min..=max).contains(&value) {
                 return Err(SettingsError::Number {
                     name,
                     value,
-                    least,
-                    most,
+                    min,
+                    max,
                 });
             }
         }
@@ -177,7 +177,7 @@ impl TurningController {
             climb: None,
             felt: FeltStock::new(&settings),
             loss: LoadLoss::default(),
-            places: PlaceWatch::default(),
+            pass_watch: PassWatch::default(),
             guard: ProtectionState::new(&settings),
             constants: JobConstants::new(&settings),
             settings,
@@ -218,8 +218,8 @@ impl TurningController {
     pub fn step(&mut self, inputs: &TurningInputs) -> TurningOutput {
         self.transition = None;
         let scale = self.settings.scale;
-        let place_mm = [self.along.point().position, self.out.point().position];
-        let load = inputs.load.map(|sample| scale.force(sample, place_mm));
+        let position_mm = [self.along.point().position, self.out.point().position];
+        let load = inputs.load.map(|sample| scale.force(sample, position_mm));
         self.view = self.watch.step(load, self.trail.chip_mm());
         self.felt.residue_n -= self.felt.residue_fraction * self.felt.residue_n;
         let factor = if inputs.feed_override > 0.0 {
@@ -284,14 +284,14 @@ impl TurningController {
         let (Some(contact_mm), TurningState::Cut, true) = (self.felt.contact_mm, self.state, cuts) else {
             return UnderTip::Unknown;
         };
-        let (place_mm, out_mm) = (self.along.point().position, self.out.point().position);
+        let (position_mm, out_mm) = (self.along.point().position, self.out.point().position);
         let tool = &self.settings.tool;
-        let cut = CutNow {
-            place_mm,
+        let cut = TipCut {
+            position_mm,
             swept_mm,
             contact_mm,
             depth_mm: self.view.depth_mean_mm,
-            bound_mm: self.record.highest_mm(swept_mm, place_mm + tool.overhang_mm()) - out_mm,
+            bound_mm: self.record.highest_mm(swept_mm, position_mm + tool.overhang_mm()) - out_mm,
         };
         self.felt.tip.follow(cut, tool.slope(), tool.overhang_mm())
     }
@@ -394,7 +394,7 @@ impl TurningController {
                         self.lose_contact();
                         self.felt.tip.set_front(front);
                         self.require_stock(self.along.point().position, depth);
-                        self.places.cautious_to_mm = Some(self.along.point().position + CAUTION_MM);
+                        self.pass_watch.cautious_to_mm = Some(self.along.point().position + CAUTION_MM);
                         TurningState::Approach
                     }
                     TurningState::Climb => {
@@ -434,7 +434,7 @@ impl TurningController {
 
     pub(crate) fn lose_contact(&mut self) {
         self.felt.lose();
-        self.places.leave();
+        self.pass_watch.leave();
         self.loss.begin();
         self.watch.forget();
     }

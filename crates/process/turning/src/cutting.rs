@@ -6,7 +6,7 @@ use crate::job::TurningJob;
 use crate::job_file::CutFile;
 use crate::scale::LoadScale;
 use crate::sensor::Sensor;
-use crate::workpiece::{CutNow, Workpiece};
+use crate::workpiece::{CutState, Workpiece};
 
 /// The stock and the sensor of a job file under moving axes. Equal positions give equal loads.
 #[derive(Clone, Debug)]
@@ -36,8 +36,8 @@ impl SimulatedProcess {
 
     /// Moves the tip to a radius and Z, machine coordinates in mm. Returns the cut and the sensor's reading
     /// of it, rounded to single precision as the cutting load is everywhere. Does not allocate.
-    pub fn step(&mut self, x_mm: f64, z_mm: f64) -> (CutNow, Option<LoadSample>) {
-        let (along, out) = self.cut.place_mm(x_mm, z_mm);
+    pub fn step(&mut self, x_mm: f64, z_mm: f64) -> (CutState, Option<LoadSample>) {
+        let (along, out) = self.cut.along_and_out_mm(x_mm, z_mm);
         let now = self.piece.step(along, out);
         let reading = self.scale.reading(now.load, [along, out], now.depth_mm);
         let sample = self.sensor.read(reading, None).map(|sample| LoadSample {

@@ -10,7 +10,7 @@
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Engagement {
     /// Position at which stock was felt last, mm along the cut.
-    place_mm: f64,
+    position_mm: f64,
     /// Minimum height of that stock above the final size, mm; 0 if nothing was felt.
     top_mm: f64,
     /// Height of the tip at that position, mm.
@@ -29,14 +29,14 @@ impl Engagement {
     }
 
     /// Records a depth that was felt at a position and height of the tip, all in mm. Real-time safe.
-    pub(crate) fn feel(&mut self, place_mm: f64, out_mm: f64, depth_mm: f64) {
-        self.top_mm = self.top_at(place_mm).max(out_mm + depth_mm);
-        (self.place_mm, self.out_mm) = (place_mm, out_mm);
+    pub(crate) fn feel(&mut self, position_mm: f64, out_mm: f64, depth_mm: f64) {
+        self.top_mm = self.top_at(position_mm).max(out_mm + depth_mm);
+        (self.position_mm, self.out_mm) = (position_mm, out_mm);
     }
 
     /// Minimum height of the stock before a tip at a position, mm.
-    pub(crate) fn top_at(&self, place_mm: f64) -> f64 {
-        (self.top_mm - (place_mm - self.place_mm).max(0.0) * self.slope).max(0.0)
+    pub(crate) fn top_at(&self, position_mm: f64) -> f64 {
+        (self.top_mm - (position_mm - self.position_mm).max(0.0) * self.slope).max(0.0)
     }
 
     /// The depth at the last load that was felt, mm.
@@ -45,13 +45,13 @@ impl Engagement {
     }
 
     /// The minimum depth that a tip must still cut at a distance ahead, mm.
-    pub(crate) fn depth_after_mm(&self, way_mm: f64) -> f64 {
-        (self.top_at(self.place_mm + way_mm) - self.out_mm).max(0.0)
+    pub(crate) fn depth_after_mm(&self, distance_mm: f64) -> f64 {
+        (self.top_at(self.position_mm + distance_mm) - self.out_mm).max(0.0)
     }
 
     /// Position at which a load was felt last, mm.
-    pub(crate) fn place_mm(&self) -> f64 {
-        self.place_mm
+    pub(crate) fn position_mm(&self) -> f64 {
+        self.position_mm
     }
 
     /// Discards what was felt.
@@ -69,9 +69,9 @@ mod tests {
         let slope = 60.0_f64.to_radians().tan();
         let mut felt = Engagement::new(slope);
         for k in 0..=4000 {
-            let place = 0.001 * f64::from(k);
+            let position = 0.001 * f64::from(k);
             // A wall at 2 mm: the tip leaves it last.
-            felt.feel(place, 1.0, (slope * (3.0 - place)).clamp(0.0, 3.0));
+            felt.feel(position, 1.0, (slope * (3.0 - position)).clamp(0.0, 3.0));
         }
         assert!(felt.depth_mm() < 1e-9, "{felt:?}");
     }

@@ -3,7 +3,7 @@
 use crate::adaptive::AHEAD_LAGS;
 use crate::controller::TurningController;
 use crate::missing::SURE_MM;
-use crate::place_watch::CAUTION_MM;
+use crate::pass_watch::CAUTION_MM;
 use crate::settings::{OnThin, PassDepth};
 use crate::state::{Reason, TurningState};
 
@@ -45,11 +45,11 @@ impl TurningController {
         if settings.strategy.preview {
             wish = wish.min(self.preview());
         }
-        if let Some(to) = self.places.cautious_to_mm {
+        if let Some(to) = self.pass_watch.cautious_to_mm {
             if self.along.point().position < to {
                 wish = wish.min(settings.strategy.resume_feed_mm_rev);
             } else {
-                self.places.cautious_to_mm = None;
+                self.pass_watch.cautious_to_mm = None;
             }
         }
         if self.guard.blind_s > 0.0 {
@@ -77,9 +77,9 @@ impl TurningController {
         if self.feels() && self.view.trouble.is_none() {
             self.felt.contact_mm = Some(here);
             self.felt.grown_mm = (0.0, here);
-            if self.places.cautious_to_mm.is_some() {
+            if self.pass_watch.cautious_to_mm.is_some() {
                 let turns = KNOWN_REV + 2.0 * settings.sensor_lag_s / settings.turn_s();
-                self.places.cautious_to_mm = Some(here + turns * settings.strategy.resume_feed_mm_rev);
+                self.pass_watch.cautious_to_mm = Some(here + turns * settings.strategy.resume_feed_mm_rev);
             }
             let load = self.view.now;
             if let Some(reason) = self.face_felt(here) {
@@ -88,7 +88,7 @@ impl TurningController {
             self.plan.is_touched = true;
             self.loss.missing_s = 0.0;
             self.felt.expected_mm = None;
-            (self.felt.in_air, self.places.thin_from_mm) = (false, None);
+            (self.felt.in_air, self.pass_watch.thin_from_mm) = (false, None);
             self.go(TurningState::Engage, Reason::Contact { load });
             return;
         }
@@ -113,7 +113,7 @@ impl TurningController {
     pub(crate) fn approach_feed(&self, here: f64) -> f64 {
         let settings = &self.settings;
         let entry = settings.strategy.entry_feed_mm_rev;
-        if !settings.strategy.preview || self.places.cautious_to_mm.is_some() {
+        if !settings.strategy.preview || self.pass_watch.cautious_to_mm.is_some() {
             return entry;
         }
         // After a gap the depth grows along the lead angle as before it, and the edge is intact because it
@@ -131,7 +131,7 @@ impl TurningController {
     /// Target of a rapid move, before which the tool is known to be clear of stock.
     pub(crate) fn free_way(&self, here: f64) -> Option<f64> {
         let settings = &self.settings;
-        if !settings.strategy.preview || self.places.cautious_to_mm.is_some() {
+        if !settings.strategy.preview || self.pass_watch.cautious_to_mm.is_some() {
             return None;
         }
         let out = self.out.point().position;
@@ -228,8 +228,8 @@ impl TurningController {
         if since > KNOWN_REV * self.feed.max(settings.regime.feed_min_mm_rev) || whole {
             let depth_mm = self.view.depth_mm;
             if !self.too_deep(depth_mm, self.deepest(), 0.0) {
-                self.places.highest_felt_mm = self
-                    .places
+                self.pass_watch.highest_felt_mm = self
+                    .pass_watch
                     .highest_felt_mm
                     .max(self.out.point().position + depth_mm);
                 self.felt.settled_mm = (here, depth_mm);
@@ -281,23 +281,23 @@ impl TurningController {
     pub(crate) fn thin(&mut self, thin: bool, depth_mm: f64) -> bool {
         let settings = self.settings;
         let (here, out) = (self.along.point().position, self.out.point().position);
-        let from = match (thin, self.places.thin_from_mm) {
+        let from = match (thin, self.pass_watch.thin_from_mm) {
             (true, Some(from)) => from,
             (true, None) => here,
             (false, _) => {
-                self.places.thin_from_mm = None;
+                self.pass_watch.thin_from_mm = None;
                 return false;
             }
         };
-        self.places.thin_from_mm = Some(from);
+        self.pass_watch.thin_from_mm = Some(from);
         if here - from <= settings.thin_mm || out <= settings.tolerance_mm || self.is_load_falling() {
             return false;
         }
         let leaves = match settings.strategy.on_thin {
             OnThin::Continue => false,
             OnThin::Return => true,
-            OnThin::ReturnUpTo(most) => {
-                self.places.returned_thin < most && self.may_return() && !self.knows_ahead(here)
+            OnThin::ReturnUpTo(max) => {
+                self.pass_watch.returned_thin < max && self.may_return() && !self.knows_ahead(here)
             }
             OnThin::ReturnIfSaved => {
                 // Stock this thin costs no further pass if it is left.
@@ -313,9 +313,9 @@ impl TurningController {
             }
         };
         if leaves {
-            self.places.returned_thin = self.places.returned_thin.saturating_add(1);
-            self.places.returned_low = self
-                .places
+            self.pass_watch.returned_thin = self.pass_watch.returned_thin.saturating_add(1);
+            self.pass_watch.returned_low = self
+                .pass_watch
                 .returned_low
                 .saturating_add(u32::from(!self.felt.in_air));
             self.record.leave_shoulder(here, out + depth_mm, false);

@@ -127,7 +127,7 @@ fn key_of(error: &RegimeError) -> (&'static str, &'static str) {
 impl JobFile {
     fn job(&self, sheet: &ConfigDocument<'_>) -> Result<TurningJob, ConfigError> {
         let refuse = |key: &str, what: String, advice: &str| sheet.error(key, what, advice);
-        for (key, value, least, most) in [
+        for (key, value, min, max) in [
             ("cut.diameter_mm", self.cut.diameter_mm, 0.1, 1e4),
             ("cut.z_mm", self.cut.z_mm, -1e4, 1e4),
             ("cut.length_mm", self.cut.length_mm, 0.1, 1e4),
@@ -141,7 +141,7 @@ impl JobFile {
             ("sensor.idle_per_rpm", self.sensor.idle_per_rpm, 0.0, 1e6),
             ("sensor.efficiency", self.sensor.efficiency, 0.05, 1.0),
         ] {
-            sheet.number(key, value, least, most)?;
+            sheet.number(key, value, min, max)?;
         }
         if let Some(diameter) = self.cut.speed_diameter_mm {
             sheet.number("cut.speed_diameter_mm", diameter, 0.1, 1e4)?;
@@ -263,7 +263,7 @@ impl JobFile {
         let Some(cost) = &self.cost else {
             return Ok(Wear::default());
         };
-        for (key, value, least, most) in [
+        for (key, value, min, max) in [
             ("cost.machine_per_h", cost.machine_per_h, 1e-6, 1e9),
             ("cost.edge", cost.edge, 0.0, 1e9),
             ("cost.life_min", cost.life_min, 1e-3, 1e6),
@@ -272,7 +272,7 @@ impl JobFile {
             ("cost.life_feed_exponent", cost.life_feed_exponent, 0.0, 5.0),
             ("cost.life_depth_exponent", cost.life_depth_exponent, 0.0, 5.0),
         ] {
-            sheet.number(key, value, least, most)?;
+            sheet.number(key, value, min, max)?;
         }
         Ok(Wear {
             ratio: cost.edge / (cost.machine_per_h / 60.0 * cost.life_min),
@@ -341,14 +341,14 @@ impl JobFile {
         let shoulder_mm = (self.cut.allowance_max_mm * lead_per_depth).min(self.cut.beyond_mm());
         let nearer_mm = (depth_max_mm * lead_per_depth).max(2.0 * shoulder_mm);
         let end_mm = diameter_mm - 2.0 * self.cut.length_mm - nearer_mm;
-        let least_mm = MIN_LEVER_FRACTION * diameter_mm;
-        if end_mm < least_mm {
+        let min_mm = MIN_LEVER_FRACTION * diameter_mm;
+        if end_mm < min_mm {
             return Err(sheet.error(
                 "sensor.kind",
                 format!(
                     "a sensor in the spindle's drive shows less of the force the nearer it is to the axis: \
                      the deepest cut would act at a diameter of {end_mm:.2} mm, and it shows enough down to \
-                     {least_mm:.2} mm"
+                     {min_mm:.2} mm"
                 ),
                 "face less far, or measure the force at the tool",
             ));
@@ -529,7 +529,7 @@ impl CutFile {
 
     /// Position along the cut and height of a radius and a Z, all in mm.
     #[must_use]
-    pub fn place_mm(&self, x_mm: f64, z_mm: f64) -> (f64, f64) {
+    pub fn along_and_out_mm(&self, x_mm: f64, z_mm: f64) -> (f64, f64) {
         match self.kind {
             CutKind::Longitudinal => (self.z_mm - z_mm, x_mm - 0.5 * self.diameter_mm),
             CutKind::Facing => (0.5 * self.diameter_mm - x_mm, z_mm - self.z_mm),

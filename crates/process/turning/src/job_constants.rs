@@ -35,21 +35,21 @@ impl JobConstants {
     fn detection(settings: &TurningSettings) -> f64 {
         let feed = settings.strategy.entry_feed_mm_rev;
         let step_mm = settings.speed_mm_s(feed) * settings.period_s;
-        let share = |lag_s: f64| 1.0 - libm::exp(-settings.period_s / lag_s.max(1e-9));
-        let (lag, smoothing) = (share(settings.sensor_lag_s), share(SMOOTHING_S));
-        let (mut way, mut read, mut smooth) = (0.0, 0.0, 0.0);
-        while smooth < settings.contact_load_n && way < 4.0 * feed {
-            way += step_mm;
-            let depth = way * settings.tool.slope();
-            let chip = if way < feed {
-                0.5 * way
+        let fraction = |lag_s: f64| 1.0 - libm::exp(-settings.period_s / lag_s.max(1e-9));
+        let (lag, smoothing) = (fraction(settings.sensor_lag_s), fraction(SMOOTHING_S));
+        let (mut distance, mut read, mut smooth) = (0.0, 0.0, 0.0);
+        while smooth < settings.contact_load_n && distance < 4.0 * feed {
+            distance += step_mm;
+            let depth = distance * settings.tool.slope();
+            let chip = if distance < feed {
+                0.5 * distance
             } else {
-                feed * (1.0 - 0.5 * feed / way)
+                feed * (1.0 - 0.5 * feed / distance)
             };
             read += lag * (settings.regime.law.load(depth, chip) - read);
             smooth += smoothing * (read - smooth);
         }
-        way
+        distance
     }
 
     /// The depth from which two passes are faster than one, mm.

@@ -36,9 +36,9 @@ impl TurningController {
             LoadAfter::There => return false,
             LoadAfter::Broken { depth_mm } => self.report_broken(depth_mm),
             LoadAfter::Air => {
-                let from = self.places.thin_from_mm;
+                let from = self.pass_watch.thin_from_mm;
                 self.lose_contact();
-                (self.felt.in_air, self.places.thin_from_mm) = (true, from);
+                (self.felt.in_air, self.pass_watch.thin_from_mm) = (true, from);
                 self.go(TurningState::Approach, Reason::Air);
             }
         }
@@ -57,7 +57,7 @@ impl TurningController {
                 self.loss.interruption_mm = self
                     .loss
                     .interruption_mm
-                    .max(here - self.felt.engagement.place_mm());
+                    .max(here - self.felt.engagement.position_mm());
             } else if self.loss.interrupted_s == 0.0 {
                 self.loss.interruption_mm = 0.0;
             }
@@ -91,7 +91,7 @@ impl TurningController {
         if left > unfelt + GRADUAL_MM {
             self.felt
                 .unproven_mm
-                .get_or_insert(self.felt.engagement.place_mm());
+                .get_or_insert(self.felt.engagement.position_mm());
         }
         LoadAfter::Air
     }
@@ -113,14 +113,14 @@ impl TurningController {
     }
 
     /// Stock of a depth must be met before or at a position.
-    pub(crate) fn require_stock(&mut self, place_mm: f64, depth_mm: f64) {
-        self.felt.expected_mm = (depth_mm > SURE_MM).then_some((place_mm, depth_mm));
+    pub(crate) fn require_stock(&mut self, position_mm: f64, depth_mm: f64) {
+        self.felt.expected_mm = (depth_mm > SURE_MM).then_some((position_mm, depth_mm));
     }
 
     /// Depth of the stock that must have been met by now, mm.
     pub(crate) fn expected_depth(&self, here: f64) -> f64 {
         match self.felt.expected_mm {
-            Some((place, depth)) if here >= place => depth,
+            Some((position, depth)) if here >= position => depth,
             _ => 0.0,
         }
     }

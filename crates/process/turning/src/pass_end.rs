@@ -15,7 +15,7 @@ impl TurningController {
         self.record
             .lift(self.along.point().position, self.out.point().position);
         self.back.leg = Leg::Out;
-        self.places.cautious_to_mm = None;
+        self.pass_watch.cautious_to_mm = None;
         self.climb = None;
         self.along.stop();
         let here = self.out.point().position;
@@ -55,7 +55,7 @@ impl TurningController {
         // Stock that is only on the cone is reached along the pass before it.
         let before_cone = settings
             .cone
-            .map_or(f64::INFINITY, |cone| cone.place_mm(self.plan.out_mm));
+            .map_or(f64::INFINITY, |cone| cone.position_mm(self.plan.out_mm));
         self.plan.start_mm = clear.min(before_cone) - settings.clear_along_mm;
         self.plan.stock_to_mm = end;
     }
@@ -78,11 +78,11 @@ impl TurningController {
         self.parts_of(height, self.passes_left())
     }
 
-    /// The same in at most `most` parts, or in as many as are needed.
-    fn parts_of(&self, height: f64, most: u32) -> f64 {
+    /// The same in at most `max` parts, or in as many as are needed.
+    fn parts_of(&self, height: f64, max: u32) -> f64 {
         let regime = &self.settings.regime;
         let fastest = regime.fastest_passes(height, self.settings.length_mm, self.constants.overhead_rev);
-        let parts = f64::from(fastest.min(most.max(regime.passes(height))).max(1));
+        let parts = f64::from(fastest.min(max.max(regime.passes(height))).max(1));
         height * (parts - 1.0) / parts
     }
 

@@ -49,7 +49,7 @@ pub struct Cell {
     pub known: bool,
     /// The tip has passed, and a load was felt.
     pub felt: bool,
-    /// The tip has passed and was in stock, which remains below it: at least `least_mm` of stock is here.
+    /// The tip has passed and was in stock, which remains below it: at least `min_mm` of stock is here.
     pub sure: bool,
     /// Height that may remain at the end, mm: above 0 on a cone and on the wall.
     pub final_mm: f64,
@@ -58,7 +58,7 @@ pub struct Cell {
     pub is_wall: bool,
     /// Minimum height of the stock where it is sure, mm. Below `top_mm` where the edge has been for less than
     /// a revolution.
-    pub least_mm: f64,
+    pub min_mm: f64,
 }
 
 /// A position of which nothing is known.
@@ -70,7 +70,7 @@ const NOTHING: Cell = Cell {
     sure: false,
     final_mm: 0.0,
     is_wall: false,
-    least_mm: 0.0,
+    min_mm: 0.0,
 };
 
 impl SizeRecord {
@@ -132,10 +132,10 @@ impl SizeRecord {
         for (i, cell) in self.cells.iter_mut().enumerate().take(last).skip(first) {
             let lead = ((i + 1) as f64 * self.cell_mm - along_mm).max(0.0);
             cell.top_mm = cell.top_mm.min(out_mm + lead * self.slope);
-            cell.least_mm = cell.least_mm.min(cell.top_mm);
+            cell.min_mm = cell.min_mm.min(cell.top_mm);
             if i < tip {
                 (cell.known, cell.felt, cell.sure) = (true, felt, sure);
-                (cell.least_mm, cell.shoulder_mm) = (cell.top_mm, f64::INFINITY);
+                (cell.min_mm, cell.shoulder_mm) = (cell.top_mm, f64::INFINITY);
             }
         }
     }
@@ -161,7 +161,7 @@ impl SizeRecord {
             for (i, cell) in self.cells.iter_mut().enumerate().take(last.max(tip)).skip(first) {
                 cell.sure &= i >= tip;
                 let lead = ((i + 1) as f64 * self.cell_mm - along_mm).max(0.0);
-                cell.least_mm = cell.least_mm.min(out_mm + lead * self.slope);
+                cell.min_mm = cell.min_mm.min(out_mm + lead * self.slope);
             }
         }
         self.swept_to = f64::NEG_INFINITY;
@@ -180,7 +180,7 @@ impl SizeRecord {
                 cell.shoulder_mm = cell.shoulder_mm.min(height_mm);
                 cell.felt = true;
                 cell.sure |= sure && i <= sure_to;
-                cell.least_mm = cell.top_mm.min(cell.shoulder_mm);
+                cell.min_mm = cell.top_mm.min(cell.shoulder_mm);
             }
         }
     }
@@ -204,7 +204,7 @@ impl SizeRecord {
     }
 
     /// Maximum height in a cell: infinite where it is unknown.
-    fn most(cell: &Cell) -> f64 {
+    fn max(cell: &Cell) -> f64 {
         if cell.known || cell.is_wall {
             cell.top_mm
         } else {
@@ -214,7 +214,7 @@ impl SizeRecord {
 
     /// Whether stock in a cell may exceed a height and its final height.
     fn is_above(cell: &Cell, height_mm: f64) -> bool {
-        Self::most(cell) > height_mm.max(cell.final_mm)
+        Self::max(cell) > height_mm.max(cell.final_mm)
     }
 
     /// The first position where stock may exceed `height_mm` and its final height; `None` if there is none.
@@ -242,7 +242,7 @@ impl SizeRecord {
     pub fn highest_known_mm(&self) -> f64 {
         self.known()
             .filter(|cell| cell.top_mm > cell.final_mm)
-            .fold(0.0, |most, cell| f64::max(most, cell.top_mm))
+            .fold(0.0, |max, cell| f64::max(max, cell.top_mm))
     }
 
     fn known(&self) -> impl Iterator<Item = &Cell> {
@@ -266,7 +266,7 @@ impl SizeRecord {
             sure: false,
             final_mm: 0.0,
             is_wall: false,
-            least_mm: 0.0,
+            min_mm: 0.0,
         };
         if along_mm < 0.0 {
             return air;
@@ -287,7 +287,7 @@ impl SizeRecord {
         let mut deepest = 0.0;
         for (i, cell) in self.cells.iter().enumerate().take(last).skip(first) {
             let top_mm = cell.top_mm.min(cell.shoulder_mm);
-            let above = if sure { cell.least_mm } else { top_mm } - out_mm;
+            let above = if sure { cell.min_mm } else { top_mm } - out_mm;
             let lead = (i + 1) as f64 * self.cell_mm - at;
             if (cell.sure || (cell.felt && !sure)) && above > lead * self.slope {
                 deepest = f64::max(deepest, above);
@@ -322,9 +322,9 @@ impl SizeRecord {
             return f64::INFINITY;
         }
         let cells = self.cells.iter().take(last).skip(first);
-        cells.fold(0.0, |most, cell| {
+        cells.fold(0.0, |max, cell| {
             let is_taken = cell.felt && !cell.known;
-            f64::max(most, if is_taken { f64::INFINITY } else { cell.top_mm })
+            f64::max(max, if is_taken { f64::INFINITY } else { cell.top_mm })
         })
     }
 
@@ -348,21 +348,21 @@ impl SizeRecord {
     /// edge is clear of it.
     #[must_use]
     pub fn clear_place_mm(&self, from_mm: f64, out_mm: f64) -> f64 {
-        let mut place = from_mm;
+        let mut position = from_mm;
         let first = (from_mm.max(0.0) / self.cell_mm) as usize;
         let last = ((from_mm + self.overhang_mm).max(0.0) / self.cell_mm).ceil() as usize;
         for (i, cell) in self.cells.iter().enumerate().take(last).skip(first) {
-            let above = (Self::most(cell).min(cell.top_mm.max(0.0)) - out_mm).max(0.0);
+            let above = (Self::max(cell).min(cell.top_mm.max(0.0)) - out_mm).max(0.0);
             let lead = if cell.known || cell.is_wall {
                 above / self.slope
             } else {
                 f64::INFINITY
             };
             if above > 0.0 {
-                place = place.min(i as f64 * self.cell_mm - lead.min(self.overhang_mm));
+                position = position.min(i as f64 * self.cell_mm - lead.min(self.overhang_mm));
             }
         }
-        place
+        position
     }
 
     /// The first position from `along_mm` on where stock may exceed `height_mm`; `None` if there is none.
@@ -370,7 +370,7 @@ impl SizeRecord {
     pub fn next_above(&self, along_mm: f64, height_mm: f64) -> Option<f64> {
         let first = (along_mm.max(0.0) / self.cell_mm) as usize;
         let rest = self.cells.get(first..)?;
-        let cell = rest.iter().position(|cell| Self::most(cell) > height_mm)?;
+        let cell = rest.iter().position(|cell| Self::max(cell) > height_mm)?;
         Some((first + cell) as f64 * self.cell_mm)
     }
 
@@ -402,7 +402,7 @@ mod tests {
         for i in 40..=60 {
             record.sweep(f64::from(i) * 0.1, 1.0, true, false);
         }
-        let top = |place: f64| record.at(place).top_mm;
+        let top = |position: f64| record.at(position).top_mm;
         assert_eq!((top(2.05), top(5.05), top(9.05)), (3.0, 1.0, 3.0));
         assert!(record.at(2.0).sure && !record.at(5.0).sure && !record.at(12.0).known);
         // The edge leads: 1 mm before the last position of the tip it is higher by tan(60) mm.

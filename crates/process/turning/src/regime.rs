@@ -96,14 +96,14 @@ pub enum RegimeError {
         feed_exponent: f64,
     },
     /// A number out of range.
-    #[error("{name} is {}; it must be a number above 0 and at most {most}", plain(*.value))]
+    #[error("{name} is {}; it must be a number above 0 and at most {max}", plain(*.value))]
     Number {
         /// Name.
         name: &'static str,
         /// Its value.
         value: f64,
         /// Maximum.
-        most: f64,
+        max: f64,
     },
     /// Feeds in the wrong order.
     #[error("the smallest feed, {min} mm/rev, must lie below the largest, {max} mm/rev")]
@@ -116,7 +116,7 @@ pub enum RegimeError {
     /// The range of feeds is too narrow for equation (4).
     #[error(
         "equation (4) would back off to a feed of {feed_mm_rev:.4} mm/rev, above the largest, {max} mm/rev: \
-         the largest feed must be at least {least_ratio:.3} times the smallest, and is {ratio:.3} times; \
+         the largest feed must be at least {min_ratio:.3} times the smallest, and is {ratio:.3} times; \
          lower the smallest feed to {wanted_min:.4} mm/rev or choose the depth of least time"
     )]
     Narrow {
@@ -125,7 +125,7 @@ pub enum RegimeError {
         /// Largest feed.
         max: f64,
         /// Minimum ratio: 2^(xz/yz).
-        least_ratio: f64,
+        min_ratio: f64,
         /// Actual ratio.
         ratio: f64,
         /// Largest minimum feed that satisfies the equation.
@@ -180,14 +180,14 @@ impl Regime {
             });
         }
         let (low, high) = (input.feed_min_mm_rev, input.feed_max_mm_rev);
-        for (name, value, most) in [
+        for (name, value, max) in [
             (SET_LOAD, input.set_load, 1e9),
             (PERMITTED_LOAD, input.permitted_load, 1e9),
             (SMALLEST_FEED, low, 10.0),
             ("the largest feed", high, 10.0),
         ] {
-            if !(value > 0.0 && value <= most) {
-                return Err(RegimeError::Number { name, value, most });
+            if !(value > 0.0 && value <= max) {
+                return Err(RegimeError::Number { name, value, max });
             }
         }
         if low >= high {
@@ -275,12 +275,12 @@ impl Regime {
     /// passes are faster, until the largest feed is reached.
     #[must_use]
     pub fn fastest_passes(&self, allowance_mm: f64, length_mm: f64, overhead_rev: f64) -> u32 {
-        let least = (allowance_mm / self.depth_max_mm - 1e-9).ceil().max(1.0);
-        let most = (allowance_mm / self.depth_full_feed_mm)
+        let min = (allowance_mm / self.depth_max_mm - 1e-9).ceil().max(1.0);
+        let max = (allowance_mm / self.depth_full_feed_mm)
             .ceil()
-            .clamp(least, least + 64.0);
-        let (mut best, mut best_time, mut passes) = (least, f64::INFINITY, least);
-        while passes <= most {
+            .clamp(min, min + 64.0);
+        let (mut best, mut best_time, mut passes) = (min, f64::INFINITY, min);
+        while passes <= max {
             let depth = allowance_mm / passes;
             let feed = self.feed_mm_rev(depth);
             let time = passes * (length_mm / feed * self.wear.price(depth, feed) + overhead_rev);
@@ -300,14 +300,14 @@ fn balanced_feed(law: &CutLaw, low: f64, high: f64) -> Result<f64, RegimeError> 
     let difference = libm::pow(high, p) - libm::pow(low, p);
     let feed = high * low / libm::pow(difference, 1.0 / p);
     // s_o <= s_max exactly where s_max/s_min >= 2^(1/p).
-    let least_ratio = libm::pow(2.0, 1.0 / p);
+    let min_ratio = libm::pow(2.0, 1.0 / p);
     if feed > high {
         return Err(RegimeError::Narrow {
             feed_mm_rev: feed,
             max: high,
-            least_ratio,
+            min_ratio,
             ratio: high / low,
-            wanted_min: high / least_ratio,
+            wanted_min: high / min_ratio,
         });
     }
     Ok(feed)
@@ -429,7 +429,7 @@ mod tests {
         let narrow = check(&|input| input.feed_min_mm_rev = 0.35);
         let RegimeError::Narrow {
             feed_mm_rev,
-            least_ratio,
+            min_ratio,
             ratio,
             ..
         } = narrow
@@ -437,7 +437,7 @@ mod tests {
             panic!("{narrow}")
         };
         assert!((feed_mm_rev - 1.1665).abs() < 1e-4, "{feed_mm_rev}");
-        assert!((least_ratio - 2.520).abs() < 1e-3 && (ratio - 2.0).abs() < 1e-12);
+        assert!((min_ratio - 2.520).abs() < 1e-3 && (ratio - 2.0).abs() < 1e-12);
         assert!(matches!(
             check(&|input| input.feed_min_mm_rev = 0.8),
             RegimeError::Feeds { .. }

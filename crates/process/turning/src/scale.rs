@@ -55,17 +55,17 @@ impl Lever {
                 lead_per_depth,
                 ..
             } => {
-                let place = along_mm.max(0.0) + 0.5 * depth_mm * lead_per_depth;
-                (diameter_mm - 2.0 * place).max(MIN_LEVER_FRACTION * diameter_mm)
+                let lever_position = along_mm.max(0.0) + 0.5 * depth_mm * lead_per_depth;
+                (diameter_mm - 2.0 * lever_position).max(MIN_LEVER_FRACTION * diameter_mm)
             }
         }
     }
 
     /// Minimum diameter at which a force may act for an unknown depth, mm.
-    fn least_mm(&self, place_mm: [f64; 2]) -> f64 {
+    fn min_mm(&self, position_mm: [f64; 2]) -> f64 {
         match *self {
-            Self::Facing { depth_max_mm, .. } => self.at_mm(place_mm, depth_max_mm),
-            _ => self.at_mm(place_mm, 0.0),
+            Self::Facing { depth_max_mm, .. } => self.at_mm(position_mm, depth_max_mm),
+            _ => self.at_mm(position_mm, 0.0),
         }
     }
 }
@@ -85,15 +85,15 @@ impl LoadScale {
     /// Reading for a force in N, in the middle of a cut `depth_mm` deep with the tip at a position: mm along
     /// the cut, and mm above the final size.
     #[must_use]
-    pub fn reading(&self, force_n: f64, place_mm: [f64; 2], depth_mm: f64) -> f64 {
-        self.idle + self.per_n * self.lever.at_mm(place_mm, depth_mm) * force_n
+    pub fn reading(&self, force_n: f64, position_mm: [f64; 2], depth_mm: f64) -> f64 {
+        self.idle + self.per_n * self.lever.at_mm(position_mm, depth_mm) * force_n
     }
 
     /// The force in N of a reading, and the force at the end of the sensor's range. The depth is unknown, so
     /// the smallest possible diameter is used: the force is never underestimated. Real-time safe.
     #[must_use]
-    pub fn force(&self, sample: LoadSample, place_mm: [f64; 2]) -> LoadSample {
-        let per_n = self.per_n * self.lever.least_mm(place_mm);
+    pub fn force(&self, sample: LoadSample, position_mm: [f64; 2]) -> LoadSample {
+        let per_n = self.per_n * self.lever.min_mm(position_mm);
         LoadSample {
             value: (sample.value - self.idle) / per_n,
             range_max: (sample.range_max - self.idle) / per_n,
@@ -133,8 +133,8 @@ mod tests {
                 };
                 let force = scale.force(sample, [0.0, out]).value;
                 // The unknown depth may only raise the force.
-                let most = 1500.0 * (1.0 + depth / 60.0) + 1e-9;
-                assert!(force >= 1500.0 - 1e-9 && force <= most, "{force} by {scale:?}");
+                let max = 1500.0 * (1.0 + depth / 60.0) + 1e-9;
+                assert!(force >= 1500.0 - 1e-9 && force <= max, "{force} by {scale:?}");
             }
             // In air.
             let air = LoadSample {

@@ -51,7 +51,7 @@ impl SensorFault {
 #[derive(Clone, Copy, Debug)]
 pub struct Sensor {
     model: SensorModel,
-    share: f64,
+    fraction: f64,
     lagged: f64,
     random: u64,
     last: Option<LoadSample>,
@@ -62,14 +62,14 @@ impl Sensor {
     /// A sensor that is read every `period_s` seconds.
     #[must_use]
     pub fn new(model: SensorModel, period_s: f64) -> Self {
-        let share = if model.lag_s > 0.0 {
+        let fraction = if model.lag_s > 0.0 {
             1.0 - libm::exp(-period_s / model.lag_s)
         } else {
             1.0
         };
         Self {
             model,
-            share,
+            fraction,
             lagged: 0.0,
             random: model.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1,
             last: None,
@@ -79,7 +79,7 @@ impl Sensor {
 
     /// Returns one reading of the true load, or of a fault.
     pub fn read(&mut self, load: f64, fault: Option<SensorFault>) -> Option<LoadSample> {
-        self.lagged += self.share * (load - self.lagged);
+        self.lagged += self.fraction * (load - self.lagged);
         let noise = self.model.noise * self.gauss();
         let value = (self.lagged * (1.0 + noise)).min(self.model.range_max);
         let before = self.last;

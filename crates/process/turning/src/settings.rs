@@ -166,16 +166,16 @@ pub struct TurningSettings {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SettingsError {
     /// A number out of range.
-    #[error("{name} is {}; it must lie from {least} to {most}", plain(*.value))]
+    #[error("{name} is {}; it must lie from {min} to {max}", plain(*.value))]
     Number {
         /// Name.
         name: &'static str,
         /// Its value.
         value: f64,
         /// Minimum.
-        least: f64,
+        min: f64,
         /// Maximum.
-        most: f64,
+        max: f64,
     },
     /// A revolution has too few periods.
     #[error(
@@ -203,7 +203,7 @@ pub enum SettingsError {
     },
     /// Feeds of the strategy outside the regime.
     #[error(
-        "{name} is {} mm/rev; it must lie from the smallest to the largest feed, {least} to {most} mm/rev",
+        "{name} is {} mm/rev; it must lie from the smallest to the largest feed, {min} to {max} mm/rev",
         plain(*.value)
     )]
     StrategyFeed {
@@ -212,9 +212,9 @@ pub enum SettingsError {
         /// Its value.
         value: f64,
         /// Minimum.
-        least: f64,
+        min: f64,
         /// Maximum.
-        most: f64,
+        max: f64,
     },
     /// The cone does not suit the edge.
     #[error(transparent)]
@@ -360,7 +360,7 @@ impl TurningSettings {
     /// Numbers of the process with their ranges.
     fn process_numbers(&self) -> [Ranged; 20] {
         let regime = &self.regime;
-        let most_load = 1e9;
+        let max_load = 1e9;
         [
             ("the spindle's speed in rev/min", self.spindle_rpm, 0.1, 1e5),
             ("the control period in s", self.period_s, 1e-5, 0.02),
@@ -375,7 +375,7 @@ impl TurningSettings {
                 1e-9,
                 0.5 * regime.set_load,
             ),
-            ("the overload limit", self.overload_n, 1e-9, most_load),
+            ("the overload limit", self.overload_n, 1e-9, max_load),
             ("the duration of an overload in s", self.overload_s, 0.0, 1.0),
             ("the sensor's lag in s", self.sensor_lag_s, 0.0, 1.0),
             (
@@ -463,13 +463,13 @@ impl TurningSettings {
             ("the entry feed", self.strategy.entry_feed_mm_rev),
             ("the feed after backing off", self.strategy.resume_feed_mm_rev),
         ] {
-            let (least, most) = (self.regime.feed_min_mm_rev, self.regime.feed_max_mm_rev);
-            if !(least..=most).contains(&value) {
+            let (min, max) = (self.regime.feed_min_mm_rev, self.regime.feed_max_mm_rev);
+            if !(min..=max).contains(&value) {
                 return Err(SettingsError::StrategyFeed {
                     name,
                     value,
-                    least,
-                    most,
+                    min,
+                    max,
                 });
             }
         }
@@ -530,13 +530,13 @@ fn axis_numbers(limits: &ScalarLimits, [velocity, acceleration, jerk]: LimitName
 /// # Errors
 /// The first number that is out of its range, or NaN.
 fn check_ranges(numbers: &[Ranged]) -> Result<(), SettingsError> {
-    for &(name, value, least, most) in numbers {
-        if !(least..=most).contains(&value) {
+    for &(name, value, min, max) in numbers {
+        if !(min..=max).contains(&value) {
             return Err(SettingsError::Number {
                 name,
                 value,
-                least,
-                most,
+                min,
+                max,
             });
         }
     }

@@ -5,7 +5,7 @@ use crate::fixed::FixedPasses;
 use crate::sensor::{Sensor, SensorFault, SensorModel};
 use crate::settings::{SettingsError, TurningSettings};
 use crate::state::{Reason, Transition, TurningState};
-use crate::workpiece::{CutNow, Workpiece};
+use crate::workpiece::{CutState, Workpiece};
 use crate::{Blank, CutLaw};
 
 /// Maximum number of times that a feed is lowered to keep a load.
@@ -86,7 +86,11 @@ impl Simulation {
     }
 
     /// Advances by one control period: the sensor reads the load of the last one, or `fault`.
-    pub fn step(&mut self, mut inputs: TurningInputs, fault: Option<SensorFault>) -> (TurningOutput, CutNow) {
+    pub fn step(
+        &mut self,
+        mut inputs: TurningInputs,
+        fault: Option<SensorFault>,
+    ) -> (TurningOutput, CutState) {
         inputs.load = self.sensor.read(self.reading, fault);
         let output = self.controller.step(&inputs);
         let cut = self.piece.step(output.along.position, output.out.position);
@@ -106,14 +110,14 @@ impl Simulation {
         self.reading = self.controller.settings().scale.reading(load, [0.0; 2], 0.0);
     }
 
-    /// Runs to the end, or for at most `most_s` seconds; calls `observe` in every period.
+    /// Runs to the end, or for at most `max_s` seconds; calls `observe` in every period.
     pub fn run(
         &mut self,
-        most_s: f64,
-        mut observe: impl FnMut(&TurningOutput, &CutNow),
+        max_s: f64,
+        mut observe: impl FnMut(&TurningOutput, &CutState),
     ) -> (Figures, Option<Reason>) {
         let mut last = None;
-        while self.figures.time_s < most_s {
+        while self.figures.time_s < max_s {
             let (output, cut) = self.step(TurningInputs::default(), None);
             observe(&output, &cut);
             if let Some(transition) = output.transition {
@@ -136,7 +140,7 @@ impl Figures {
     pub fn see(
         &mut self,
         output: &TurningOutput,
-        cut: &CutNow,
+        cut: &CutState,
         set_load: f64,
         period_s: f64,
         above: &mut f64,
@@ -163,7 +167,7 @@ impl Figures {
 
     /// Counts one period of a job: its time and its loads. `above` is the time for which the load has been
     /// above 1.3 times the set one.
-    fn count(&mut self, cut: &CutNow, set_load: f64, period_s: f64, above: &mut f64) {
+    fn count(&mut self, cut: &CutState, set_load: f64, period_s: f64, above: &mut f64) {
         self.time_s += period_s;
         self.peak = self.peak.max(cut.load);
         if cut.load > 1.2 * set_load {
@@ -214,7 +218,7 @@ pub fn run_fixed_at_load(
 ) -> Figures {
     let height = blank.highest_mm(settings.length_mm + settings.shoulder_mm()) + blank.runout_mm;
     let steps = settings.turn_s() / settings.period_s;
-    let least = settings.regime.feed_min_mm_rev;
+    let min = settings.regime.feed_min_mm_rev;
     let (mut depth, mut feed) = (depth_mm, feed_mm_rev);
     let mut figures = Figures::default();
     for _ in 0..MAX_TRIES {
@@ -225,10 +229,10 @@ pub fn run_fixed_at_load(
             break;
         }
         let slower = feed * libm::pow(over, -1.0 / law.feed_exponent);
-        if slower < least {
-            depth *= libm::pow(slower / least, law.feed_exponent / law.depth_exponent);
+        if slower < min {
+            depth *= libm::pow(slower / min, law.feed_exponent / law.depth_exponent);
         }
-        feed = slower.max(least);
+        feed = slower.max(min);
     }
     figures
 }

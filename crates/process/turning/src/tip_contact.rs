@@ -43,7 +43,7 @@ pub(crate) enum Front {
 struct Level {
     depth_mm: f64,
     /// Position of the tip when the depth was taken, mm along the cut.
-    place_mm: f64,
+    position_mm: f64,
     /// Position of the tip at which the edge began to cut the stock of this depth, mm.
     from_mm: f64,
     /// Position from which the tip has cut over a whole revolution in stock, if it has, mm.
@@ -54,9 +54,9 @@ struct Level {
 
 /// One cycle of a cut, mm.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct CutNow {
+pub(crate) struct TipCut {
     /// Position of the tip.
-    pub(crate) place_mm: f64,
+    pub(crate) position_mm: f64,
     /// Position up to which it has cut over a whole revolution: its position a revolution ago.
     pub(crate) swept_mm: f64,
     /// Position at which the cut was first felt.
@@ -109,29 +109,29 @@ impl TipContact {
     /// The front that remains at a position, mm, of a cut that began at a contact and has a depth.
     pub(crate) fn front_left(
         &self,
-        place_mm: f64,
+        position_mm: f64,
         contact_mm: Option<f64>,
         depth_mm: f64,
         slope: f64,
     ) -> Front {
         let is_stock = match (self.level, contact_mm) {
-            (Some(level), _) => level.place_mm <= level.stock_to_mm,
+            (Some(level), _) => level.position_mm <= level.stock_to_mm,
             (None, Some(contact)) => self.front.is_met(contact, depth_mm, slope),
             (None, None) => return self.front,
         };
         if is_stock {
-            Front::Shoulder(place_mm)
+            Front::Shoulder(position_mm)
         } else {
             Front::Unknown
         }
     }
 
     /// Follows a cut of an edge with a slope and an overhang (mm). Real-time safe.
-    pub(crate) fn follow(&mut self, cut: CutNow, slope: f64, overhang_mm: f64) -> UnderTip {
+    pub(crate) fn follow(&mut self, cut: TipCut, slope: f64, overhang_mm: f64) -> UnderTip {
         let front = self.front;
         let level = self.level.get_or_insert_with(|| Level {
             depth_mm: cut.depth_mm,
-            place_mm: cut.place_mm,
+            position_mm: cut.position_mm,
             from_mm: cut.contact_mm,
             since_mm: cut.swept_mm,
             stock_to_mm: if front.is_met(cut.contact_mm, cut.depth_mm, slope) {
@@ -140,18 +140,18 @@ impl TipContact {
                 f64::NEG_INFINITY
             },
         });
-        let most = TAPER * slope * (cut.place_mm - level.place_mm).max(0.0);
-        level.depth_mm += (cut.depth_mm - level.depth_mm).clamp(-most, most);
-        level.place_mm = cut.place_mm;
+        let max = TAPER * slope * (cut.position_mm - level.position_mm).max(0.0);
+        level.depth_mm += (cut.depth_mm - level.depth_mm).clamp(-max, max);
+        level.position_mm = cut.position_mm;
         if (cut.depth_mm - level.depth_mm).abs() > LEVEL * level.depth_mm {
             level.change(&cut, slope);
         }
-        if cut.place_mm <= level.stock_to_mm {
+        if cut.position_mm <= level.stock_to_mm {
             return UnderTip::Stock;
         }
         // The first point of a ridge is at most the overhang before the tip, and its width follows from the
         // depth.
-        if cut.place_mm > level.from_mm + overhang_mm + level.depth_mm / slope {
+        if cut.position_mm > level.from_mm + overhang_mm + level.depth_mm / slope {
             level.stock_to_mm = f64::INFINITY;
             return UnderTip::StockSince(level.since_mm);
         }
@@ -165,19 +165,19 @@ impl TipContact {
 
 impl Level {
     /// Handles a depth that has changed by more than noise and a taper.
-    fn change(&mut self, cut: &CutNow, slope: f64) {
+    fn change(&mut self, cut: &TipCut, slope: f64) {
         // The end of a change counts as noise.
         let rest_mm = LEVEL * cut.depth_mm / slope;
         // The depth falls while the tip removes more than enters at the outer end. While it rises, the tip
         // may be in air.
-        let falls = cut.depth_mm < self.depth_mm && cut.place_mm <= self.stock_to_mm;
+        let falls = cut.depth_mm < self.depth_mm && cut.position_mm <= self.stock_to_mm;
         *self = Self {
             depth_mm: cut.depth_mm,
-            place_mm: cut.place_mm,
-            from_mm: cut.place_mm,
-            since_mm: cut.place_mm + rest_mm,
+            position_mm: cut.position_mm,
+            from_mm: cut.position_mm,
+            since_mm: cut.position_mm + rest_mm,
             stock_to_mm: if falls {
-                cut.place_mm + 2.0 * rest_mm
+                cut.position_mm + 2.0 * rest_mm
             } else {
                 f64::NEG_INFINITY
             },
@@ -193,9 +193,9 @@ mod tests {
     const OVERHANG_MM: f64 = 6.0;
 
     /// The depth of an edge with its tip at a position over sections of stock (from, to, height).
-    fn depth_mm(stock: &[(f64, f64, f64)], place_mm: f64) -> f64 {
+    fn depth_mm(stock: &[(f64, f64, f64)], position_mm: f64) -> f64 {
         let under = |&(from, to, height): &(f64, f64, f64)| {
-            let lead = |at: f64| (at - place_mm).max(0.0) * SLOPE;
+            let lead = |at: f64| (at - position_mm).max(0.0) * SLOPE;
             (lead(to).min(height) - lead(from)).max(0.0)
         };
         stock.iter().map(under).sum()
@@ -208,28 +208,28 @@ mod tests {
         let mut contact = None;
         let mut sure: Vec<f64> = Vec::new();
         for k in 0..400 {
-            let place_mm = 0.1 * f64::from(k) - 8.0;
-            let depth_mm = depth_mm(stock, place_mm);
+            let position_mm = 0.1 * f64::from(k) - 8.0;
+            let depth_mm = depth_mm(stock, position_mm);
             if depth_mm < 0.1 {
                 if contact.take().is_some() {
                     tip.lose();
                 }
                 continue;
             }
-            let cut = CutNow {
-                place_mm,
-                swept_mm: place_mm,
-                contact_mm: *contact.get_or_insert(place_mm),
+            let cut = TipCut {
+                position_mm,
+                swept_mm: position_mm,
+                contact_mm: *contact.get_or_insert(position_mm),
                 depth_mm,
                 bound_mm: f64::INFINITY,
             };
             match tip.follow(cut, SLOPE, OVERHANG_MM) {
                 UnderTip::Unknown => {}
-                UnderTip::Stock => sure.push(place_mm),
+                UnderTip::Stock => sure.push(position_mm),
                 UnderTip::StockSince(from) => {
                     let before = (0..k).map(|k| 0.1 * f64::from(k) - 8.0);
                     sure.extend(before.filter(|place| *place >= from));
-                    sure.push(place_mm);
+                    sure.push(position_mm);
                 }
             }
         }
@@ -273,8 +273,8 @@ mod tests {
         }
         // As high as the record permits: at once.
         let mut tip = TipContact::NONE;
-        let cut = CutNow {
-            place_mm: 1.0,
+        let cut = TipCut {
+            position_mm: 1.0,
             swept_mm: 0.5,
             contact_mm: 0.0,
             depth_mm: 2.0,
@@ -282,7 +282,7 @@ mod tests {
         };
         assert_eq!(tip.follow(cut, SLOPE, OVERHANG_MM), UnderTip::Stock);
         assert_eq!(
-            tip.follow(CutNow { bound_mm: 9.0, ..cut }, SLOPE, OVERHANG_MM),
+            tip.follow(TipCut { bound_mm: 9.0, ..cut }, SLOPE, OVERHANG_MM),
             UnderTip::Unknown
         );
     }

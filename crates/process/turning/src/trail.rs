@@ -3,7 +3,7 @@
 /// Positions of the tip, one per cycle, for a revolution. Memory is allocated once.
 #[derive(Clone, Debug)]
 pub(crate) struct Trail {
-    places: Vec<(f64, f64)>,
+    points: Vec<(f64, f64)>,
     next: usize,
     turn: usize,
 }
@@ -12,20 +12,20 @@ impl Trail {
     pub(crate) fn new(turn_cycles: f64, at: (f64, f64)) -> Self {
         let turn = turn_cycles.round().max(1.0) as usize;
         Self {
-            places: vec![at; turn + 1],
+            points: vec![at; turn + 1],
             next: 0,
             turn,
         }
     }
 
     pub(crate) fn push(&mut self, along: f64, out: f64) {
-        self.places[self.next] = (along, out);
-        self.next = (self.next + 1) % self.places.len();
+        self.points[self.next] = (along, out);
+        self.next = (self.next + 1) % self.points.len();
     }
 
     fn ago(&self, cycles: usize) -> (f64, f64) {
-        let n = self.places.len();
-        self.places[(self.next + n - 1 - cycles % n) % n]
+        let n = self.points.len();
+        self.points[(self.next + n - 1 - cycles % n) % n]
     }
 
     /// Position of the tip one revolution ago.

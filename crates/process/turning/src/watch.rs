@@ -77,12 +77,12 @@ pub struct LoadWatch {
     period_s: f64,
     stale_s: f64,
     /// Weight of smoothing and of the sensor's lag in a cycle.
-    share: f64,
-    lag_share: f64,
+    fraction: f64,
+    lag_fraction: f64,
     /// `chip^feed_exponent` as the sensor shows it, and smoothed like the load.
     chip_shown: f64,
     chip_smooth: f64,
-    least_chip: f64,
+    min_chip: f64,
     now: f64,
     depth_now: f64,
     /// Time since the last plausible reading.
@@ -205,7 +205,7 @@ impl Readings {
 
 impl LoadWatch {
     /// Creates a watch for a spindle with a revolution of `turn_s`, and a sensor with a time constant of
-    /// `lag_s` whose readings may be `stale_s` apart. Chips below `least_chip_mm` give no depth.
+    /// `lag_s` whose readings may be `stale_s` apart. Chips below `min_chip_mm` give no depth.
     #[must_use]
     pub fn new(
         law: CutLaw,
@@ -213,18 +213,18 @@ impl LoadWatch {
         period_s: f64,
         turn_s: f64,
         (lag_s, stale_s): (f64, f64),
-        least_chip_mm: f64,
+        min_chip_mm: f64,
     ) -> Self {
-        let share = |time_s: f64| 1.0 - libm::exp(-period_s / time_s.max(1e-9));
+        let fraction = |time_s: f64| 1.0 - libm::exp(-period_s / time_s.max(1e-9));
         Self {
             law,
             period_s,
             stale_s: Self::stale_s(stale_s, period_s),
-            share: share(SMOOTHING_S),
-            lag_share: share(lag_s),
+            fraction: fraction(SMOOTHING_S),
+            lag_fraction: fraction(lag_s),
             chip_shown: 0.0,
             chip_smooth: 0.0,
-            least_chip: libm::pow(least_chip_mm, law.feed_exponent),
+            min_chip: libm::pow(min_chip_mm, law.feed_exponent),
             now: 0.0,
             depth_now: 0.0,
             age_s: 0.0,
@@ -255,13 +255,13 @@ impl LoadWatch {
     pub fn step(&mut self, sample: Option<LoadSample>, chip_mm: f64) -> LoadView {
         self.age_s += self.period_s;
         let chip = libm::pow(chip_mm.max(0.0), self.law.feed_exponent);
-        self.chip_shown += self.lag_share * (chip - self.chip_shown);
+        self.chip_shown += self.lag_fraction * (chip - self.chip_shown);
         if let Some(value) = self.readings.believe(sample) {
             self.age_s = 0.0;
-            self.now += self.share * (value.max(0.0) - self.now);
-            self.chip_smooth += self.share * (self.chip_shown - self.chip_smooth);
+            self.now += self.fraction * (value.max(0.0) - self.now);
+            self.chip_smooth += self.fraction * (self.chip_shown - self.chip_smooth);
         }
-        if self.chip_smooth >= self.least_chip {
+        if self.chip_smooth >= self.min_chip {
             let at_one = self.law.coefficient * self.chip_smooth;
             self.depth_now = libm::pow(self.now / at_one, 1.0 / self.law.depth_exponent);
         }

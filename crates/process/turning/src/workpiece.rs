@@ -21,7 +21,7 @@ const HOLDER_MM: f64 = 0.2;
 
 /// The cut at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CutNow {
+pub struct CutState {
     /// The true load.
     pub load: f64,
     /// Engaged depth of the edge, mm.
@@ -98,16 +98,16 @@ impl Workpiece {
 
     /// The final contour over a cell, mm: after the end of the cut the wall that the edge leaves.
     fn contour_mm(&self, cell: usize) -> f64 {
-        let place_mm = place(cell);
-        let beyond_mm = place_mm - self.length_mm;
+        let position_mm = cell_position(cell);
+        let beyond_mm = position_mm - self.length_mm;
         if beyond_mm > 0.0 {
             return self.foot_mm + beyond_mm * self.tool.slope();
         }
-        self.cone.map_or(0.0, |cone| cone.height_mm(place_mm))
+        self.cone.map_or(0.0, |cone| cone.height_mm(position_mm))
     }
 
     /// Moves the tip to a position along the cut and a height, both in mm.
-    pub fn step(&mut self, along_mm: f64, out_mm: f64) -> CutNow {
+    pub fn step(&mut self, along_mm: f64, out_mm: f64) -> CutState {
         let before = self.past[self.next];
         let following = self.past[(self.next + 1) % self.past.len()];
         self.past[self.next] = (along_mm, out_mm);
@@ -125,27 +125,30 @@ impl Workpiece {
         let parts = ((to.0 - from.0).abs() / CELL_MM).ceil().clamp(1.0, 1e4);
         let mut part = 1.0;
         while part <= parts {
-            let share = part / parts;
-            let (u, h) = (from.0 + share * (to.0 - from.0), from.1 + share * (to.1 - from.1));
+            let fraction = part / parts;
+            let (u, h) = (
+                from.0 + fraction * (to.0 - from.0),
+                from.1 + fraction * (to.1 - from.1),
+            );
             let first = self.cell_at(u);
             let last = self.cell_at(u + self.tool.overhang_mm());
             for i in first..last {
-                let edge = h + (place(i) - u) * self.tool.slope();
+                let edge = h + (cell_position(i) - u) * self.tool.slope();
                 self.cut[i] = self.cut[i].min(edge);
             }
             part += 1.0;
         }
     }
 
-    fn chip(&self, u: f64, h: f64, u_before: f64) -> CutNow {
+    fn chip(&self, u: f64, h: f64, u_before: f64) -> CutState {
         let Some(raised) = self.blank.at_turn(self.turn) else {
-            return CutNow::default();
+            return CutState::default();
         };
         let first = self.cell_at(u_before.max(u - 10.0).min(u));
         let last = self.cell_at(u + self.tool.overhang_mm());
         let (mut area, mut depth, mut weighted, mut hits_holder) = (0.0, 0.0, 0.0, false);
         for i in first..last {
-            let lead = place(i) - u;
+            let lead = cell_position(i) - u;
             let edge = h + lead.max(0.0) * self.tool.slope();
             let surface = self.cut[i].min((self.raw[i] + raised).max(0.0));
             let overlap = surface - edge;
@@ -154,18 +157,18 @@ impl Workpiece {
             }
             hits_holder |= surface > h + self.tool.reach_mm() + HOLDER_MM;
             area += overlap * CELL_MM;
-            weighted += overlap * CELL_MM * self.blank.hardness(place(i));
+            weighted += overlap * CELL_MM * self.blank.hardness(cell_position(i));
             if lead >= 0.0 {
                 depth += CELL_MM * self.tool.slope();
             }
         }
         if area <= 0.0 {
-            return CutNow::default();
+            return CutState::default();
         }
         // At the start of a cut less than a cell is engaged.
         let depth = f64::max(depth, CELL_MM * self.tool.slope());
         let chip = area / depth;
-        CutNow {
+        CutState {
             load: self.law.load(depth, chip) * weighted / area,
             depth_mm: depth,
             chip_mm: chip,
@@ -198,9 +201,10 @@ impl Workpiece {
     /// Maximum depth of the tool below the final size, mm.
     #[must_use]
     pub fn undercut_mm(&self) -> f64 {
-        self.cut.iter().enumerate().fold(0.0, |most, (cell, cut)| {
-            f64::max(most, self.contour_mm(cell) - cut)
-        })
+        self.cut
+            .iter()
+            .enumerate()
+            .fold(0.0, |max, (cell, cut)| f64::max(max, self.contour_mm(cell) - cut))
     }
 
     /// Length of the cut, mm.
@@ -211,7 +215,7 @@ impl Workpiece {
 }
 
 /// Centre of a cell.
-fn place(cell: usize) -> f64 {
+fn cell_position(cell: usize) -> f64 {
     (cell as f64 + 0.5) * CELL_MM
 }
 
@@ -230,7 +234,7 @@ mod tests {
     }
 
     /// Feeds at `feed` mm/rev from `from` to `to` at a height; returns the cuts.
-    fn feed(piece: &mut Workpiece, from: f64, to: f64, feed: f64, out: f64, steps: f64) -> Vec<CutNow> {
+    fn feed(piece: &mut Workpiece, from: f64, to: f64, feed: f64, out: f64, steps: f64) -> Vec<CutState> {
         let mut cuts = Vec::new();
         let mut u = from;
         while u < to {
@@ -246,7 +250,7 @@ mod tests {
             let mut piece = Workpiece::new(Blank::uniform(depth), 40.0, LAW, tool(), 60.0);
             let cuts = feed(&mut piece, -8.0, 30.0, feed_rev, 0.0, 60.0);
             let tail = &cuts[cuts.len() - 600..];
-            let mean = |of: &dyn Fn(&CutNow) -> f64| tail.iter().map(of).sum::<f64>() / tail.len() as f64;
+            let mean = |of: &dyn Fn(&CutState) -> f64| tail.iter().map(of).sum::<f64>() / tail.len() as f64;
             assert!((mean(&|cut| cut.depth_mm) / depth - 1.0).abs() < 0.05, "{depth}");
             let load = mean(&|cut| cut.load) / LAW.load(depth, feed_rev);
             assert!((load - 1.0).abs() < 0.02, "{load} at {depth} x {feed_rev}");
@@ -309,7 +313,7 @@ mod tests {
         let turn = &cuts[cuts.len() - 80..];
         let idle = turn.iter().filter(|cut| cut.load == 0.0).count();
         assert!((19..=21).contains(&idle), "{idle} of 80");
-        let most = turn.iter().map(|cut| cut.depth_mm).fold(0.0, f64::max);
-        assert!((most - 3.5).abs() < 0.2, "{most}");
+        let max = turn.iter().map(|cut| cut.depth_mm).fold(0.0, f64::max);
+        assert!((max - 3.5).abs() < 0.2, "{max}");
     }
 }

@@ -36,15 +36,15 @@ struct Seen {
     /// Longest time above 1.3, s.
     over_130_s: f64,
     /// Minimum, maximum and mean of the last 30 mm, where the cut is even or nearly so.
-    least: f64,
-    most: f64,
+    min: f64,
+    max: f64,
     mean: f64,
 }
 
 /// One cycle of a pass.
 #[derive(Clone, Copy, Debug)]
 struct Moment {
-    place: f64,
+    position: f64,
     load: f64,
     factor: f64,
 }
@@ -69,7 +69,7 @@ fn drive(
     let mut feed = adaptive.map(|settings| AdaptiveFeed::new(settings).unwrap());
     let mut late: VecDeque<f64> = vec![0.0; (dead_s / PERIOD_S).round() as usize].into();
     let mut now = Moment {
-        place: -4.0,
+        position: -4.0,
         load: 0.0,
         factor: 1.0,
     };
@@ -81,10 +81,10 @@ fn drive(
             assert_eq!(output.stop, None);
             now.factor = output.factor;
         }
-        now.place += now.factor * FEED / TURN_S * PERIOD_S;
-        now.load = piece.step(now.place, 0.0).load;
+        now.position += now.factor * FEED / TURN_S * PERIOD_S;
+        now.load = piece.step(now.position, 0.0).load;
         see(now);
-        if now.place > 117.0 {
+        if now.position > 117.0 {
             return;
         }
     }
@@ -95,17 +95,17 @@ fn drive(
 fn pass(blank: Blank, settings: AdaptiveSettings, sensor: (f64, f64), noise: f64) -> Seen {
     let (mut above, mut sum, mut count) = (0.0, 0.0, 0.0);
     let mut seen = Seen {
-        least: f64::INFINITY,
+        min: f64::INFINITY,
         ..Seen::default()
     };
     drive(blank, Some(settings), sensor, noise, |now| {
-        let share = now.load / SET;
-        seen.peak = seen.peak.max(share);
-        above = if share > 1.3 { above + PERIOD_S } else { 0.0 };
+        let fraction = now.load / SET;
+        seen.peak = seen.peak.max(fraction);
+        above = if fraction > 1.3 { above + PERIOD_S } else { 0.0 };
         seen.over_130_s = seen.over_130_s.max(above);
-        if now.place > 90.0 {
-            (seen.least, seen.most) = (seen.least.min(share), seen.most.max(share));
-            (sum, count) = (sum + share, count + 1.0);
+        if now.position > 90.0 {
+            (seen.min, seen.max) = (seen.min.min(fraction), seen.max.max(fraction));
+            (sum, count) = (sum + fraction, count + 1.0);
         }
     });
     seen.mean = sum / count;
@@ -154,15 +154,15 @@ fn the_load_is_held_with_slow_and_noisy_sensors() {
                 // The feed must not oscillate: a sensor that lags shows the load at an earlier feed. Noise
                 // that looks like growth lowers the feed, more so with a longer extrapolation.
                 let dips = noise * (1.0 + (lag_s + dead_s) / TURN_S);
-                assert!(seen.least > 0.97 - dips && seen.most < 1.02 + noise, "{what}");
+                assert!(seen.min > 0.97 - dips && seen.max < 1.02 + noise, "{what}");
                 assert!((seen.mean - 1.0).abs() < 0.01 + 0.5 * noise, "{what}");
                 // A sensor that is slow relative to a revolution shows a step of the stock late.
-                let most = if lag_s + dead_s > 0.25 * TURN_S {
+                let max = if lag_s + dead_s > 0.25 * TURN_S {
                     TURN_S
                 } else {
                     0.0
                 };
-                assert!(seen.over_130_s <= most, "{what}");
+                assert!(seen.over_130_s <= max, "{what}");
             }
         }
     }
@@ -175,7 +175,7 @@ fn a_wrong_lag_keeps_the_load_bounded() {
             let seen = pass(blank, settings(said_s), (true_s, 0.0), 0.02);
             let what = format!("{name}, {true_s} for {said_s}: {seen:?}");
             assert!(seen.over_130_s <= TURN_S, "{what}");
-            assert!(seen.least > 0.9 && seen.most < 1.1, "{what}");
+            assert!(seen.min > 0.9 && seen.max < 1.1, "{what}");
         }
     }
 }
@@ -203,7 +203,7 @@ fn factors_stay_within_their_limits_and_slew_rates() {
         assert!((0.2..=1.5).contains(&now.factor));
         before = Some(now.factor);
         // Nothing is cut in the groove.
-        idle |= now.place > 40.0 && now.place < 48.0 && now.factor == 1.5;
+        idle |= now.position > 40.0 && now.position < 48.0 && now.factor == 1.5;
     });
     assert!(idle);
 }

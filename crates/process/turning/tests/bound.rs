@@ -19,7 +19,7 @@ const HEIGHT_MM: f64 = 0.1;
 const PLACES: usize = 400;
 const MAX_PASSES: usize = 12;
 
-/// `least[m][k]`: the minimum time per mm of path, s, to remove `k` steps of height in at most `m` cuts at
+/// `min[m][k]`: the minimum time per mm of path, s, to remove `k` steps of height in at most `m` cuts at
 /// the set load, including the return in rapid.
 fn removal(hardness: f64, steps: usize, settings: &TurningSettings) -> Vec<Vec<f64>> {
     let law = law();
@@ -32,15 +32,15 @@ fn removal(hardness: f64, steps: usize, settings: &TurningSettings) -> Vec<Vec<f
         let speed = if feed < 0.2 { 0.0 } else { feed / TURN_S };
         1.0 / speed + 1.0 / settings.rapid_mm_s
     };
-    let mut least = vec![vec![f64::INFINITY; steps + 1]; MAX_PASSES + 1];
-    least[0][0] = 0.0;
+    let mut min = vec![vec![f64::INFINITY; steps + 1]; MAX_PASSES + 1];
+    min[0][0] = 0.0;
     for m in 1..=MAX_PASSES {
         for k in 0..=steps {
-            let more = (1..=k).map(|by| least[m - 1][k - by] + cut(by));
-            least[m][k] = more.fold(least[m - 1][k], f64::min);
+            let more = (1..=k).map(|by| min[m - 1][k - by] + cut(by));
+            min[m][k] = more.fold(min[m - 1][k], f64::min);
         }
     }
-    least
+    min
 }
 
 /// The same if gaps have to be crossed at a feed at every height, because only the tool's own passes reveal
@@ -62,8 +62,8 @@ fn bound_s(blank: &Blank, settings: &TurningSettings) -> (f64, usize) {
     let step = length / PLACES as f64;
     let mut tables: Vec<(f64, Vec<Vec<f64>>)> = Vec::new();
     let mut times = [0.0; MAX_PASSES + 1];
-    for place in 0..PLACES {
-        let at = (place as f64 + 0.5) * step;
+    for position in 0..PLACES {
+        let at = (position as f64 + 0.5) * step;
         let (height, hardness) = (blank.height_mm(at), blank.hardness(at));
         let known = tables.iter().position(|(other, _)| *other == hardness);
         let known = known.unwrap_or_else(|| {
@@ -135,8 +135,8 @@ fn no_strategy_beats_the_bound_and_safe_comes_near() {
         );
         // If the stock is unknown, a taper shows its height only at the end of the first pass.
         let above = safe_job.time_s / blind_bound_s(&blank, &safe());
-        let most = if name.starts_with("taper") { 1.18 } else { 1.165 };
-        assert!(above < most, "{name}: {above}");
+        let max = if name.starts_with("taper") { 1.18 } else { 1.165 };
+        assert!(above < max, "{name}: {above}");
         assert!(safe_job.peak < 1.3 * SET, "{name}: {}", safe_job.peak / SET);
     }
 }

@@ -232,7 +232,7 @@ struct Tally {
     beyond_two: u32,
     time_s: f64,
     /// Saving relative to the time of G82 at the same load: the minimum, and the sum over the stocks.
-    least_saved: f64,
+    min_saved: f64,
     saved: f64,
     slower_than_known: u32,
 }
@@ -252,7 +252,7 @@ fn campaign(
         .map(|(name, settings)| Tally {
             name,
             settings: Some(*settings),
-            least_saved: 1.0,
+            min_saved: 1.0,
             ..Tally::default()
         })
         .collect();
@@ -270,7 +270,7 @@ fn campaign(
             tally.extra_passes = tally.extra_passes.max(extra);
             tally.beyond_two += u32::from(extra > 2);
             tally.time_s += figures.time_s;
-            tally.least_saved = tally.least_saved.min(1.0 - figures.time_s / same);
+            tally.min_saved = tally.min_saved.min(1.0 - figures.time_s / same);
             tally.saved += 1.0 - figures.time_s / same;
             tally.slower_than_known += u32::from(figures.time_s > known);
             let what = format!(
@@ -295,7 +295,7 @@ fn campaign(
             tally.time_s,
             100.0 * (1.0 - tally.time_s / same_s),
             100.0 * tally.saved / count as f64,
-            100.0 * tally.least_saved,
+            100.0 * tally.min_saved,
             100.0 * (tally.time_s / known_s - 1.0),
             tally.slower_than_known,
             tally.peak,
@@ -356,12 +356,12 @@ fn too_thick_or_missing_stock_is_reported() {
                 Simulation::new(settings, blank.clone(), law(), sensor(case as u64)).unwrap();
             let (figures, reason) = simulation.run(3000.0, |_, _| {});
             let what = format!("case {case}: {reason:?}, {figures:?} of {blank:?}");
-            let told = match reason {
+            let reported = match reason {
                 Some(Reason::NoStock) => missing,
                 Some(Reason::StockTooThick { .. }) => !missing,
                 _ => false,
             };
-            assert!(told && !figures.done, "{what}");
+            assert!(reported && !figures.done, "{what}");
             assert!(figures.peak < 1.3 * SET, "{what}");
         }
     }
@@ -408,7 +408,7 @@ fn fixed_passes_at_a_load_keep_it_on_any_stock() {
 fn the_safe_strategy_saves_one_sixth_on_every_stock() {
     // Published: 5, 32, 16 and 11 %. Before least-time parts: 7, 38, 16 and 17 %. Before gaps were crossed at
     // the largest feed: 17 % for the gap.
-    for ((name, blank), least) in stocks().into_iter().zip([0.20, 0.36, 0.205, 0.44]) {
+    for ((name, blank), min) in stocks().into_iter().zip([0.20, 0.36, 0.205, 0.44]) {
         let figures = turn(safe(), &blank, 0);
         let saved = 1.0 - figures.time_s / same_load(&blank).time_s;
         println!(
@@ -418,7 +418,7 @@ fn the_safe_strategy_saves_one_sixth_on_every_stock() {
             figures.peak / SET,
             100.0 * saved
         );
-        assert!(saved >= least, "{name}: {saved}");
+        assert!(saved >= min, "{name}: {saved}");
     }
 }
 

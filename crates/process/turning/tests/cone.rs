@@ -134,7 +134,7 @@ fn a_cone_that_the_edge_would_cut_into_is_refused() {
     let settings = with_cone(safe(), 150.0, 59.5);
     assert!(matches!(
         settings.check(),
-        Err(SettingsError::Cone(error)) if (error.most_deg - 59.0).abs() < 1e-9
+        Err(SettingsError::Cone(error)) if (error.max_deg - 59.0).abs() < 1e-9
     ));
     assert!(with_cone(safe(), 196.0, 58.9).check().is_ok());
     assert!(with_cone(safe(), 201.0, 30.0).check().is_err());

@@ -18,7 +18,7 @@ use crate::protection::{RUN, run_for, run_out, simulation};
 /// the tool was fed into stock without being drawn back, and whether the job ended as done.
 fn lose_load(mut sim: Simulation, mut limits: Limits) -> (Option<Reason>, f64, bool) {
     let turn_s = sim.controller.settings().turn_s();
-    let (mut reason, mut turns, mut most) = (None, 0.0, 0.0_f64);
+    let (mut reason, mut turns, mut max) = (None, 0.0, 0.0_f64);
     while !sim.controller.is_over() && sim.figures.time_s < 3000.0 {
         let (output, cut) = sim.step(RUN, Some(SensorFault::Zero));
         limits.see(&output);
@@ -28,14 +28,14 @@ fn lose_load(mut sim: Simulation, mut limits: Limits) -> (Option<Reason>, f64, b
         if matches!(output.state, TurningState::Return | TurningState::ReEnter) {
             turns = 0.0;
         }
-        most = most.max(turns);
+        max = max.max(turns);
         if let Some(transition) = output.transition
             && transition.to == TurningState::Fault
         {
             reason = Some(transition.reason);
         }
     }
-    (reason, most, sim.controller.state() == TurningState::Done)
+    (reason, max, sim.controller.state() == TurningState::Done)
 }
 
 #[test]
@@ -89,7 +89,7 @@ fn a_load_lost_after_slots_is_not_done() {
 #[test]
 fn load_lost_in_a_cut_faults_in_two_revolutions() {
     let mut random = Random::seeded(11);
-    let (mut told, mut most, mut silent) = (0, 0.0_f64, 0);
+    let (mut reported, mut max, mut silent) = (0, 0.0_f64, 0);
     let count = cases(6);
     for case in 0..count {
         let settings = [safe(), fast(), literal()][case % 3];
@@ -124,16 +124,16 @@ fn load_lost_in_a_cut_faults_in_two_revolutions() {
             assert!(!done, "{what}");
             assert!(matches!(reason, Some(Reason::BrokenInsert { .. })), "{what}");
             assert!(turns < 1.6, "{what}");
-            most = most.max(turns);
-            told += 1;
+            max = max.max(turns);
+            reported += 1;
         }
         silent += usize::from(sim.controller.state() != TurningState::Done);
     }
     println!(
-        "{count} stocks: told {told} times, after {most:.2} revolutions at most, {silent} jobs not done \
+        "{count} stocks: told {reported} times, after {max:.2} revolutions at most, {silent} jobs not done \
          without a loss"
     );
-    assert!(told > 2 * count && silent == 0, "{told} {silent}");
+    assert!(reported > 2 * count && silent == 0, "{reported} {silent}");
 }
 
 #[test]
@@ -165,7 +165,7 @@ fn load_lost_just_before_a_cut_ends_is_a_fault() {
         ),
         (safe(), Blank::uniform(4.9)),
     ];
-    let (mut told, mut most) = (0, 0.0_f64);
+    let (mut reported, mut max) = (0, 0.0_f64);
     for (case, (settings, blank)) in stocks.into_iter().enumerate() {
         let new = || simulation(settings, blank.clone(), case as u64);
         let mut sim = new();
@@ -202,19 +202,19 @@ fn load_lost_just_before_a_cut_ends_is_a_fault() {
                     "{what}"
                 );
                 assert!(turns < 1.6, "{what}");
-                most = most.max(turns);
-                told += 1;
+                max = max.max(turns);
+                reported += 1;
             }
         }
     }
-    println!("told {told} times, after {most:.2} revolutions at most");
-    assert!(told > 20, "{told}");
+    println!("told {reported} times, after {max:.2} revolutions at most");
+    assert!(reported > 20, "{reported}");
 }
 
 #[test]
 fn no_job_is_done_without_load_while_stock_stands() {
     let mut random = Random::seeded(12);
-    let (mut told, mut states) = (0, [0_u32; 10]);
+    let (mut reported, mut states) = (0, [0_u32; 10]);
     let count = cases(6);
     for case in 0..count {
         let settings = [safe(), fast(), literal()][case % 3];
@@ -246,12 +246,12 @@ fn no_job_is_done_without_load_while_stock_stands() {
                 sim.figures.time_s, output.state, output.pass, output.along.position, output.out.position
             );
             assert!(!done && reason.is_some(), "{what}");
-            told += 1;
+            reported += 1;
             states[output.state as usize] += 1;
         }
     }
-    println!("{count} stocks: told {told} times, by state {states:?}");
-    assert!(told > 5 * count, "{told}");
+    println!("{count} stocks: told {reported} times, by state {states:?}");
+    assert!(reported > 5 * count, "{reported}");
 }
 
 #[test]
@@ -278,7 +278,7 @@ fn a_job_restarted_without_load_fails_again() {
 
 #[test]
 fn load_lost_between_passes_faults_on_short_stock() {
-    let (mut told, mut most) = (0, 0.0_f64);
+    let (mut reported, mut max) = (0, 0.0_f64);
     for length_mm in [2.0, 4.0, 6.0, 9.0, 14.0, 40.0] {
         for height in [1.5, 4.0, 7.0, 10.0] {
             for (case, base) in [safe(), fast(), literal()].into_iter().enumerate() {
@@ -314,14 +314,14 @@ fn load_lost_between_passes_faults_on_short_stock() {
                         );
                         // Counted from where the outer end of the edge enters the stock, at a small feed.
                         assert!(turns < 6.0, "{what}");
-                        told += 1;
-                        most = most.max(turns);
+                        reported += 1;
+                        max = max.max(turns);
                     }
                     assert_eq!(sim.controller.state(), TurningState::Done);
                 }
             }
         }
     }
-    println!("told {told} times, after {most:.2} revolutions at most");
-    assert!(told > 100, "{told}");
+    println!("told {reported} times, after {max:.2} revolutions at most");
+    assert!(reported > 100, "{reported}");
 }

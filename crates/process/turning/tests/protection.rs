@@ -193,8 +193,8 @@ fn sensor_dropouts_never_overload() {
                     gaps += 1;
                     Some(distrusted(&mut random))
                 };
-                let least_s = if fault.is_some() { 0.0 } else { 0.5 };
-                until_s += least_s + random.between(0.0, if fault.is_some() { longest_s } else { 10.0 });
+                let min_s = if fault.is_some() { 0.0 } else { 0.5 };
+                until_s += min_s + random.between(0.0, if fault.is_some() { longest_s } else { 10.0 });
             }
             let (output, _) = sim.step(RUN, fault);
             limits.see(&output);

@@ -120,15 +120,15 @@ fn facing_by_torque_power_current_keeps_the_load() {
     // 2200 N at 160 mm are 176 N m; 50 mm nearer to the axis 66 N m. The edge leads by 1 mm / tan(60) per mm
     // of depth.
     let scale = facing(kinds()[1].0, 55.0).unwrap().settings.scale;
-    for (place, depth, expected) in [
+    for (position, depth, expected) in [
         (0.0, 0.0, 176.0),
         (50.0, 0.0, 66.0),
         (50.0, 3.0, 66.0 - 1.1 * 3.0 / 3.0_f64.sqrt()),
     ] {
-        let reading = scale.reading(2200.0, [place, 2.0], depth);
+        let reading = scale.reading(2200.0, [position, 2.0], depth);
         assert!(
             (reading - 5.0 - expected).abs() < 1e-9,
-            "{place} {depth}: {reading}"
+            "{position} {depth}: {reading}"
         );
     }
     // At the axis the torque of any force is zero.

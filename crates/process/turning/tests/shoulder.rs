@@ -56,14 +56,14 @@ fn no_height_of_stock_overloads_at_the_shoulder() {
     for length_mm in [20.0, 60.0] {
         for height in 1..=10 {
             let blank = Blank::uniform(f64::from(height));
-            for (settings, most) in [(safe(), 1.2), (fast(), 1.2), (literal(), 1.75)] {
+            for (settings, max) in [(safe(), 1.2), (fast(), 1.2), (literal(), 1.75)] {
                 let figures = turn(shorter(settings, length_mm), &blank, 3);
                 let peak = figures.peak / SET;
                 println!(
                     "{length_mm} {height}: {:.1} s, {} passes, {peak:.2}",
                     figures.time_s, figures.passes
                 );
-                assert!(peak <= most, "{height} mm: {peak}");
+                assert!(peak <= max, "{height} mm: {peak}");
             }
         }
     }
@@ -86,13 +86,13 @@ fn edges_of_any_lead_leave_one_wall() {
         } else {
             &[0.3, 0.6, 0.95]
         };
-        for share in shares {
-            let blank = Blank::uniform(share * tool.reach_mm());
+        for fraction in shares {
+            let blank = Blank::uniform(fraction * tool.reach_mm());
             // Steep edges reach their depth within a revolution, faster than the load shows it.
-            let most = if lead_deg > 80.0 { 2.0 } else { 1.3 };
+            let max = if lead_deg > 80.0 { 2.0 } else { 1.3 };
             let figures = turn(settings, &blank, 5);
             assert!(
-                figures.peak <= most * SET,
+                figures.peak <= max * SET,
                 "{lead_deg} degrees: {}",
                 figures.peak / SET
             );
@@ -125,10 +125,10 @@ fn random_stocks_are_cut_to_a_shoulder() {
         let top = blank.height_mm(length_mm);
         let cone = (random.unit() < 0.3).then(|| {
             let from = random.between(0.0, length_mm);
-            let most = ((top * 0.8).max(0.1) / (length_mm - from).max(0.1))
+            let max = ((top * 0.8).max(0.1) / (length_mm - from).max(0.1))
                 .atan()
                 .to_degrees();
-            Cone::new(from, random.between(0.2, most.clamp(0.3, 58.0)))
+            Cone::new(from, random.between(0.2, max.clamp(0.3, 58.0)))
         });
         let settings = TurningSettings {
             length_mm,
@@ -175,7 +175,7 @@ fn a_thin_ridge_before_the_end_is_no_broken_insert() {
         ),
     ];
     for height in [8.5, 10.0] {
-        for (place, width) in [
+        for (position, width) in [
             (-9.0, 1.2),
             (-1.0, 1.2),
             (-1.0, 1.8),
@@ -184,7 +184,10 @@ fn a_thin_ridge_before_the_end_is_no_broken_insert() {
             (1.0, 1.8),
         ] {
             for (settings, low) in [(safe(), 0.0), (fast(), 0.0), (safe(), 3.0), (fast(), 3.0)] {
-                cases.push((shorter(settings, 40.0), ridge(height, 40.0 + place, width, low)));
+                cases.push((
+                    shorter(settings, 40.0),
+                    ridge(height, 40.0 + position, width, low),
+                ));
             }
         }
     }

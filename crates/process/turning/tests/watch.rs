@@ -42,12 +42,12 @@ impl Watched {
     /// to cycle.
     fn cut(&mut self, depth_mm: f64, chip_mm: f64) -> LoadView {
         let load = law().coefficient * depth_mm * chip_mm.powf(0.75);
-        let share = if self.lag_s > 0.0 {
+        let fraction = if self.lag_s > 0.0 {
             1.0 - (-PERIOD_S / self.lag_s).exp()
         } else {
             1.0
         };
-        self.shown += share * (load - self.shown);
+        self.shown += fraction * (load - self.shown);
         let digit = (self.sequence % 7) as f64 * 1e-9;
         self.reading(self.shown * (1.0 + digit), chip_mm)
     }

@@ -30,7 +30,7 @@ const TRIES: usize = 64;
 
 /// A position on the route.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Place {
+struct RoutePosition {
     block: usize,
     u: f64,
 }
@@ -73,7 +73,7 @@ pub(crate) struct Follower<'a> {
     route: &'a Route,
     /// Permitted chord error, mm.
     chord_mm: f64,
-    at: Place,
+    at: RoutePosition,
     last: Axes,
     /// Points of the motion while the program position was near its present value, each with the program
     /// position.
@@ -89,7 +89,7 @@ impl<'a> Follower<'a> {
         Self {
             route,
             chord_mm,
-            at: Place { block: 0, u: 0.0 },
+            at: RoutePosition { block: 0, u: 0.0 },
             last: route.start(),
             trail: VecDeque::new(),
             ends: VecDeque::new(),
@@ -108,8 +108,8 @@ impl<'a> Follower<'a> {
         // If both ends of the chord are on one line, no points in between are needed.
         let here = &self.route.blocks[self.at.block];
         let same = here.piece.is_straight() && {
-            let place = self.at;
-            self.search(&from, position, place)
+            let route_position = self.at;
+            self.search(&from, position, route_position)
                 .is_some_and(|to| to.block == self.at.block)
         };
         let points = if same {
@@ -153,34 +153,34 @@ impl<'a> Follower<'a> {
     pub(crate) fn finish(mut self) -> Coverage {
         let blocks = self.route.blocks.len();
         let here = self.last;
-        let place = self.at;
+        let route_position = self.at;
         self.see(&here, &here, true);
         self.settle(blocks);
-        if !self.ends_here(place) && self.coverage.missed == 0 {
+        if !self.ends_here(route_position) && self.coverage.missed == 0 {
             self.coverage.missed = 1;
-            self.coverage.first_missed = Some(place.block);
+            self.coverage.first_missed = Some(route_position.block);
         }
         self.coverage
     }
 
-    /// Whether the rest of the program from `place` on stays near the motion's last point. A loop that was
+    /// Whether the rest of the program from `route_position` on stays near the motion's last point. A loop that was
     /// not driven ends at that point too, but does not stay near it.
-    fn ends_here(&self, mut place: Place) -> bool {
-        while let Some(block) = self.route.blocks.get(place.block) {
-            let within = self.within(place.block);
+    fn ends_here(&self, mut route_position: RoutePosition) -> bool {
+        while let Some(block) = self.route.blocks.get(route_position.block) {
+            let within = self.within(route_position.block);
             loop {
-                let off = distance(&self.last, &block.piece.point(place.u));
+                let off = distance(&self.last, &block.piece.point(route_position.u));
                 let room = NEIGHBOURHOOD * within - off;
                 if room < 0.0 {
                     return false;
                 }
-                if place.u >= block.length {
+                if route_position.u >= block.length {
                     break;
                 }
-                place.u = (place.u + room.max(within / 64.0)).min(block.length);
+                route_position.u = (route_position.u + room.max(within / 64.0)).min(block.length);
             }
-            place = Place {
-                block: place.block + 1,
+            route_position = RoutePosition {
+                block: route_position.block + 1,
                 u: 0.0,
             };
         }
@@ -208,36 +208,41 @@ impl<'a> Follower<'a> {
         self.within(block).max(self.within(next))
     }
 
-    /// Finds the earliest position from `place` on that is near `point`, if everything passed is near the
+    /// Finds the earliest position from `route_position` on that is near `point`, if everything passed is near the
     /// motion.
-    fn search(&self, before: &Axes, point: &Axes, mut place: Place) -> Option<Place> {
+    fn search(
+        &self,
+        before: &Axes,
+        point: &Axes,
+        mut route_position: RoutePosition,
+    ) -> Option<RoutePosition> {
         // The position lags by up to this distance: if the tolerance decreases abruptly, this lag is not a
         // deviation.
-        let behind = self.within(place.block);
+        let behind = self.within(route_position.block);
         loop {
-            let block = &self.route.blocks[place.block];
-            let within = self.within(place.block);
+            let block = &self.route.blocks[route_position.block];
+            let within = self.within(route_position.block);
             loop {
-                let there = block.piece.point(place.u);
+                let there = block.piece.point(route_position.u);
                 let away = distance(point, &there);
                 if away <= within {
-                    return Some(place);
+                    return Some(route_position);
                 }
-                let near = NEIGHBOURHOOD * self.within_corner(place.block).max(behind);
+                let near = NEIGHBOURHOOD * self.within_corner(route_position.block).max(behind);
                 if from_stretch(&there, before, point) > near && !self.was_near(&there, near) {
                     return None;
                 }
-                if place.u >= block.length {
+                if route_position.u >= block.length {
                     break;
                 }
                 // No closer position can be near enough, because no point moves faster than its parameter.
-                place.u = (place.u + (away - within).max(within / 64.0)).min(block.length);
+                route_position.u = (route_position.u + (away - within).max(within / 64.0)).min(block.length);
             }
-            if place.block + 1 == self.route.blocks.len() {
+            if route_position.block + 1 == self.route.blocks.len() {
                 return None;
             }
-            place = Place {
-                block: place.block + 1,
+            route_position = RoutePosition {
+                block: route_position.block + 1,
                 u: 0.0,
             };
         }
@@ -251,10 +256,12 @@ impl<'a> Follower<'a> {
     /// Advances to `point`. Returns `false` if the program does not lead there.
     fn advance(&mut self, before: &Axes, point: &Axes) -> bool {
         let found = self.search(before, point, self.at);
-        let place = found.unwrap_or_else(|| self.recover(point));
-        self.at = place;
-        let here = self.route.blocks[place.block].piece.point(place.u);
-        let near = NEIGHBOURHOOD * self.within(place.block);
+        let route_position = found.unwrap_or_else(|| self.recover(point));
+        self.at = route_position;
+        let here = self.route.blocks[route_position.block]
+            .piece
+            .point(route_position.u);
+        let near = NEIGHBOURHOOD * self.within(route_position.block);
         while let Some((_, then)) = self.trail.front()
             && (distance(then, &here) > near || self.trail.len() >= MAX_TRAIL)
         {
@@ -269,11 +276,18 @@ impl<'a> Follower<'a> {
     /// Finds the nearest position ahead for a motion that has left the path: at most as far ahead as the
     /// motion is away. A later position counts only if it is significantly nearer: of overlapping turns the
     /// first one is taken.
-    fn recover(&self, point: &Axes) -> Place {
-        let off = |place: Place| distance(point, &self.route.blocks[place.block].piece.point(place.u));
+    fn recover(&self, point: &Axes) -> RoutePosition {
+        let off = |route_position: RoutePosition| {
+            distance(
+                point,
+                &self.route.blocks[route_position.block]
+                    .piece
+                    .point(route_position.u),
+            )
+        };
         let away = off(self.at);
         let (u, mut least) = self.route.blocks[self.at.block].piece.nearest(point, self.at.u);
-        let mut best = Place {
+        let mut best = RoutePosition {
             block: self.at.block,
             u,
         };
@@ -289,7 +303,7 @@ impl<'a> Follower<'a> {
                 let (u, distance) = block.piece.nearest(point, u);
                 if distance < 0.5 * least {
                     least = distance;
-                    best = Place { block: index, u };
+                    best = RoutePosition { block: index, u };
                 }
             }
             passed += block.length;
@@ -326,8 +340,8 @@ impl<'a> Follower<'a> {
             index += 1;
             from = 0.0;
         }
-        let place = self.route.blocks[best.1].piece.point(best.2);
-        (best.1, point - place, index)
+        let route_position = self.route.blocks[best.1].piece.point(best.2);
+        (best.1, point - route_position, index)
     }
 
     /// Finds the nearest point of a curve from `from` on, as far as it stays within `near` of the point.

@@ -180,7 +180,7 @@ impl Comparison<'_> {
         let round = std::f64::consts::TAU * radius;
         let is_short = turns <= MAX_HELIX_TURNS;
         let program = (fits && is_short).then(|| {
-            let [x, y] = self.placed([radius, 0.0]);
+            let [x, y] = self.translated([radius, 0.0]);
             let mut text = String::new();
             for turn in 1..=turns as u64 {
                 let z = self.top_mm - self.depth_mm * turn as f64 / turns;
@@ -212,7 +212,7 @@ impl Comparison<'_> {
     }
 
     /// A point around the hole's centre, in machine coordinates.
-    fn placed(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+    fn translated(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [x + self.centre_mm[0], y + self.centre_mm[1]]
     }
 
@@ -229,32 +229,32 @@ impl Comparison<'_> {
         let mut text = String::new();
         let mut x = 0.0;
         for (k, half) in half_circle_radii_mm(radius, turns).into_iter().enumerate() {
-            let way = if k % 2 == 0 { 1.0 } else { -1.0 };
+            let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
             // Writing to a string cannot fail.
-            let to = x + way * 2.0 * half;
-            let [to_x, to_y] = self.placed([to, 0.0]);
-            let _ = writeln!(text, "G3 X{to_x:.9} Y{to_y:.9} I{:.9} J0", way * half);
+            let to = x + sign * 2.0 * half;
+            let [to_x, to_y] = self.translated([to, 0.0]);
+            let _ = writeln!(text, "G3 X{to_x:.9} Y{to_y:.9} I{:.9} J0", sign * half);
             x = to;
         }
-        let way = if x > 0.0 { -1.0 } else { 1.0 };
-        let [to_x, to_y] = self.placed([x, 0.0]);
-        let _ = write!(text, "G3 X{to_x:.9} Y{to_y:.9} I{:.9} J0", way * radius);
-        self.text(self.placed([0.0, 0.0]), &text)
+        let sign = if x > 0.0 { -1.0 } else { 1.0 };
+        let [to_x, to_y] = self.translated([x, 0.0]);
+        let _ = write!(text, "G3 X{to_x:.9} Y{to_y:.9} I{:.9} J0", sign * radius);
+        self.text(self.translated([0.0, 0.0]), &text)
     }
 
     fn archimedean(&self, spiral: &Archimedean, radius: f64) -> String {
         let mut text = String::new();
         let angles = spiral.polyline_rad(POLYLINE_MM);
         for angle in angles.iter().skip(1) {
-            let [x, y] = self.placed(spiral.at(*angle));
+            let [x, y] = self.translated(spiral.at(*angle));
             // Writing to a string cannot fail.
             let _ = writeln!(text, "G1 X{x:.6} Y{y:.6}");
         }
         let end = angles.last().map_or([radius, 0.0], |angle| spiral.at(*angle));
-        let [x, y] = self.placed(end);
+        let [x, y] = self.translated(end);
         let _ = write!(text, "G3 X{x:.6} Y{y:.6} I{:.6} J{:.6}", -end[0], -end[1]);
         let from = angles.first().map_or([0.0; 2], |angle| spiral.at(*angle));
-        self.text(self.placed(from), &text)
+        self.text(self.translated(from), &text)
     }
 
     /// The machine is already at the start, so only the path itself is timed. All paths are at the position

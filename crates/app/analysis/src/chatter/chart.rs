@@ -84,7 +84,7 @@ impl Chart {
         svg.text((self.right, self.bottom + 29.0), Anchor::End, "small", x);
     }
 
-    pub(crate) fn place(&self, x: f64, y: f64) -> (f64, f64) {
+    pub(crate) fn project(&self, x: f64, y: f64) -> (f64, f64) {
         (self.x.at(x), self.y.at(y))
     }
 
@@ -104,7 +104,7 @@ impl Chart {
                 down = false;
                 continue;
             };
-            let (x, y) = self.place(x, y);
+            let (x, y) = self.project(x, y);
             let y = y.clamp(self.top - 1.0, self.bottom + 1.0);
             if down {
                 pen.line_to(x, y);

@@ -45,7 +45,7 @@ pub(crate) fn svg(case: &Case, answer: &Answer) -> String {
             && inside(range.speed_m_min, tool.speed_m_min)
             && inside(range.depth_mm, tool.depth_mm)
         {
-            svg.circle(chart.place(tool.speed_m_min, tool.depth_mm), 5.0, "mark");
+            svg.circle(chart.project(tool.speed_m_min, tool.depth_mm), 5.0, "mark");
         }
         if !two || k % 2 == 1 || k + 1 == answer.maps.len() {
             top += size.1 + 90.0;

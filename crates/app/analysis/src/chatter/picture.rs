@@ -72,7 +72,7 @@ fn portrait(svg: &mut Svg, answer: &Answer) {
             chart.line(svg, points, UNSTABLE, 1.6, "stroke-dasharray=\"7 4\"");
         }
     }
-    svg.circle(chart.place(rest, 0.0), 4.0, "mark");
+    svg.circle(chart.project(rest, 0.0), 4.0, "mark");
     if orbits.is_empty() {
         let text = match answer.assessment.verdict {
             StabilityVerdict::OutOfModel => "no cycle within the model: vibration grows out of it",
@@ -129,7 +129,7 @@ fn force(svg: &mut Svg, answer: &Answer) {
         }
     }
     if let Some((speed, force)) = at(tool.speed_m_min) {
-        svg.circle(chart.place(speed, force), 4.0, "mark");
+        svg.circle(chart.project(speed, force), 4.0, "mark");
     }
 }
 
@@ -184,7 +184,7 @@ fn cycles(svg: &mut Svg, chart: &Chart, sweep: &[SweepPoint], value: impl Fn(&(f
                     && alone(k.checked_sub(1))
                     && alone(Some(k + 1))
                 {
-                    svg.circle(chart.place(*x, *y), 2.5, "mark");
+                    svg.circle(chart.project(*x, *y), 2.5, "mark");
                 }
             }
         }
@@ -215,7 +215,7 @@ fn amplitude(svg: &mut Svg, answer: &Answer) {
     for (stable, said) in slower.into_iter().chain(faster) {
         let [low, high] = answer.asked.sweep.speed_m_min;
         if (low..=high).contains(&stable) {
-            let (x, y) = chart.place(stable, 0.0);
+            let (x, y) = chart.project(stable, 0.0);
             svg.circle((x, y), 4.0, "mark");
             svg.text(
                 (x, y - 9.0),

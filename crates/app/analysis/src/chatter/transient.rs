@@ -180,7 +180,7 @@ pub(crate) fn svg(case: &Case, answer: &Answer, transient: &Transient) -> String
                 chart.line(&mut svg, &orbit, UNSTABLE, 1.6, "stroke-dasharray=\"7 4\"");
             }
         }
-        svg.circle(chart.place(1e3 * about, 0.0), 4.0, "mark");
+        svg.circle(chart.project(1e3 * about, 0.0), 4.0, "mark");
     }
     let bottom = foot(&mut svg, 1110.0, &answer.assumptions);
     svg.finish(bottom, STYLE)

@@ -17,7 +17,7 @@ use serde::Serialize;
 use crate::error::AnalysisError;
 use remedy::{Remedy, remedies};
 use surroundings::Surroundings;
-use watch::{Seen, Watch};
+use watch::{LineTiming, Watch};
 
 /// The explanation of a line; displayed as text, or serialized as JSON.
 #[derive(Debug, Serialize)]
@@ -26,7 +26,7 @@ pub struct Explanation {
     #[serde(flatten)]
     pub(crate) program: Surroundings,
     #[serde(flatten)]
-    pub(crate) seen: Seen,
+    pub(crate) seen: LineTiming,
     /// Why the line is slow, in sentences.
     pub(crate) reasons: Vec<String>,
     /// Changes that help, measured.
@@ -36,7 +36,7 @@ pub struct Explanation {
 }
 
 impl Explanation {
-    fn new(line: u32, program: Surroundings, seen: Seen, remedies: Vec<Remedy>) -> Self {
+    fn new(line: u32, program: Surroundings, seen: LineTiming, remedies: Vec<Remedy>) -> Self {
         let (reasons, advice) = words::reasons(&program, &seen);
         Self {
             line,

@@ -8,7 +8,7 @@ use evolvent_runtime::{Controls, Job};
 use serde::Serialize;
 
 use super::surroundings::{Corner, Surroundings};
-use super::watch::Seen;
+use super::watch::LineTiming;
 use crate::limiting::{Limiting, Order};
 use crate::unobserved::Unobserved;
 
@@ -37,7 +37,7 @@ enum Change {
 }
 
 /// Plans the program again for the causes that limit the line most.
-pub(crate) fn remedies(job: &Job, line: u32, program: &Surroundings, seen: &Seen) -> Vec<Remedy> {
+pub(crate) fn remedies(job: &Job, line: u32, program: &Surroundings, seen: &LineTiming) -> Vec<Remedy> {
     candidates(job, program, seen)
         .into_iter()
         .filter_map(|change| {
@@ -52,17 +52,17 @@ pub(crate) fn remedies(job: &Job, line: u32, program: &Surroundings, seen: &Seen
         .collect()
 }
 
-fn candidates(job: &Job, program: &Surroundings, seen: &Seen) -> Vec<Change> {
+fn candidates(job: &Job, program: &Surroundings, seen: &LineTiming) -> Vec<Change> {
     let mut changes = Vec::new();
     let mut add = |change: Change| {
         if !changes.contains(&change) && changes.len() < MAX_CHANGES {
             changes.push(change);
         }
     };
-    for (cause, share) in &seen.causes {
+    for (cause, fraction) in &seen.causes {
         match cause {
-            Limiting::Axis(axis, order) if *share >= WORTH => add(Change::Axis(*axis, *order)),
-            Limiting::ChordError if *share >= WORTH && 2.0 * job.setup.rate_hz() <= MAX_RATE_HZ => {
+            Limiting::Axis(axis, order) if *fraction >= WORTH => add(Change::Axis(*axis, *order)),
+            Limiting::ChordError if *fraction >= WORTH && 2.0 * job.setup.rate_hz() <= MAX_RATE_HZ => {
                 add(Change::Rate);
             }
             _ => {}

@@ -108,7 +108,7 @@ impl Surroundings {
         let mut walk = Walk {
             line,
             default_mm: setup.machine.path.blend_tolerance_mm,
-            most: setup.machine.max_feed_mm_s,
+            max: setup.machine.max_feed_mm_s,
             ..Walk::default()
         };
         for command in Commands::open(program, setup)? {
@@ -134,7 +134,7 @@ impl Surroundings {
 struct Walk {
     line: u32,
     default_mm: f64,
-    most: Option<f64>,
+    max: Option<f64>,
     before: VecDeque<f64>,
     last: Option<(Block, Curve)>,
     rest: Option<(u32, String)>,
@@ -204,7 +204,7 @@ impl Walk {
                 _ => "curve",
             },
             length_mm: motion.curve.length(),
-            feed_mm_min: feed_word(motion, self.most).map(|feed| 60.0 * feed),
+            feed_mm_min: feed_word(motion, self.max).map(|feed| 60.0 * feed),
             corner_after: match motion.path_mode {
                 PathMode::ExactPath => Corner::Exact,
                 PathMode::ExactStop => Corner::Stop,

@@ -5,7 +5,7 @@ use evolvent_machine::Machine;
 use evolvent_motion::{Setpoint, flags};
 use serde::Serialize;
 
-use crate::limiting::{LimitClassifier, Limiting, Order, Shares, bend};
+use crate::limiting::{LimitClassifier, LimitRatios, Limiting, Order, bend};
 
 /// The speed counts as risen again above this factor of the minimum.
 const RISEN: f64 = 1.01;
@@ -45,7 +45,7 @@ pub(crate) struct Used {
 
 /// A position where the line is slow.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Place {
+pub(crate) struct SlowPoint {
     #[serde(rename = "where")]
     pub(crate) at: Where,
     pub(crate) time_s: f64,
@@ -60,7 +60,7 @@ pub(crate) struct Place {
 
 /// The evaluation of a line.
 #[derive(Clone, Debug, Default, Serialize)]
-pub(crate) struct Seen {
+pub(crate) struct LineTiming {
     pub(crate) time_s: f64,
     pub(crate) share_of_program: f64,
     /// Number of passes of the line.
@@ -72,14 +72,14 @@ pub(crate) struct Seen {
     pub(crate) limited_by: Vec<(String, f64)>,
     #[serde(skip)]
     pub(crate) causes: Vec<(Limiting, f64)>,
-    pub(crate) places: Vec<Place>,
+    pub(crate) places: Vec<SlowPoint>,
 }
 
 /// The part of a setpoint that is needed later.
 #[derive(Clone, Copy, Debug)]
 struct Glimpse {
     setpoint: Setpoint,
-    shares: Shares,
+    ratios: LimitRatios,
     word: Option<f64>,
 }
 
@@ -112,7 +112,7 @@ pub(crate) struct Watch {
 struct Valley {
     at: Where,
     slowest: Glimpse,
-    around: Shares,
+    around: LimitRatios,
     missing: usize,
 }
 
@@ -121,21 +121,21 @@ impl Valley {
         let mut valley = Self {
             at,
             slowest,
-            around: slowest.shares,
+            around: slowest.ratios,
             missing: AROUND,
         };
         for glimpse in around {
-            valley.add(&glimpse.shares);
+            valley.add(&glimpse.ratios);
         }
         valley.missing = AROUND;
         valley
     }
 
-    fn add(&mut self, shares: &Shares) {
+    fn add(&mut self, ratios: &LimitRatios) {
         self.missing = self.missing.saturating_sub(1);
-        self.around.feed_ratio = self.around.feed_ratio.max(shares.feed_ratio);
-        self.around.chord_ratio = self.around.chord_ratio.max(shares.chord_ratio);
-        for (mine, theirs) in self.around.axes.iter_mut().zip(&shares.axes) {
+        self.around.feed_ratio = self.around.feed_ratio.max(ratios.feed_ratio);
+        self.around.chord_ratio = self.around.chord_ratio.max(ratios.chord_ratio);
+        for (mine, theirs) in self.around.axes.iter_mut().zip(&ratios.axes) {
             for (mine, theirs) in mine.iter_mut().zip(theirs) {
                 *mine = mine.max(*theirs);
             }
@@ -174,11 +174,11 @@ impl Watch {
             }
             return;
         }
-        let shares = self.classifier.shares(setpoint, word);
-        let cause = self.classifier.judge(setpoint, &shares);
+        let ratios = self.classifier.ratios(setpoint, word);
+        let cause = self.classifier.judge(setpoint, &ratios);
         let glimpse = Glimpse {
             setpoint: *setpoint,
-            shares,
+            ratios,
             word,
         };
         self.causes[cause.index()] += 1;
@@ -187,7 +187,7 @@ impl Watch {
         self.feed = (self.feed.0.min(feed), self.feed.1 + feed, self.feed.2.max(feed));
         for valley in self.valleys.iter_mut().chain(&mut self.lowest) {
             if valley.missing > 0 {
-                valley.add(&shares);
+                valley.add(&ratios);
             }
         }
         if self.last_sequence.is_none() {
@@ -236,15 +236,15 @@ impl Watch {
         let ended_mm = last.map_or(self.began_mm, |last| last.path_mm);
         for mut valley in std::mem::take(&mut self.valleys) {
             let setpoint = &valley.slowest.setpoint;
-            let share = (setpoint.path_mm - self.began_mm) / (ended_mm - self.began_mm).max(1e-12);
+            let fraction = (setpoint.path_mm - self.began_mm) / (ended_mm - self.began_mm).max(1e-12);
             let near = if setpoint.flags & flags::BLEND == 0 {
                 NEAR
             } else {
                 0.5
             };
-            if valley.at == Where::Within && share <= near {
+            if valley.at == Where::Within && fraction <= near {
                 valley.at = Where::Start;
-            } else if valley.at == Where::Within && share >= 1.0 - near {
+            } else if valley.at == Where::Within && fraction >= 1.0 - near {
                 valley.at = Where::End;
             }
             self.take_in(valley);
@@ -280,12 +280,12 @@ impl Watch {
     }
 
     /// The evaluation.
-    pub(crate) fn finish(mut self) -> Seen {
+    pub(crate) fn finish(mut self) -> LineTiming {
         if self.last_sequence.take().is_some() {
             self.leave();
         }
         if self.count == 0 {
-            return Seen::default();
+            return LineTiming::default();
         }
         let mut causes: Vec<(Limiting, f64)> = self
             .causes
@@ -295,9 +295,9 @@ impl Watch {
             .map(|(index, count)| (Limiting::of_index(index), *count as f64 / self.count as f64))
             .collect();
         causes.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let mut places: Vec<Place> = self.found.iter().map(|valley| self.place(valley)).collect();
+        let mut places: Vec<SlowPoint> = self.found.iter().map(|valley| self.slow_point(valley)).collect();
         places.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
-        Seen {
+        LineTiming {
             time_s: self.count as f64 * self.period_s,
             share_of_program: self.count as f64 / self.all as f64,
             passes: self.passes,
@@ -306,14 +306,14 @@ impl Watch {
             most_feed_mm_min: 60.0 * self.feed.2,
             limited_by: causes
                 .iter()
-                .map(|(cause, share)| (cause.name(), *share))
+                .map(|(cause, fraction)| (cause.name(), *fraction))
                 .collect(),
             causes,
             places,
         }
     }
 
-    fn place(&self, valley: &Valley) -> Place {
+    fn slow_point(&self, valley: &Valley) -> SlowPoint {
         let setpoint = &valley.slowest.setpoint;
         let (speed, curvature) = bend(setpoint);
         // Below a thousandth of the axes' speed, the curvature is a rounding error.
@@ -324,7 +324,7 @@ impl Watch {
             .map(|axis| axis.max_velocity)
             .fold(0.0, f64::max);
         let radius = 1.0 / curvature;
-        Place {
+        SlowPoint {
             at: valley.at,
             time_s: (setpoint.sequence + 1) as f64 * self.period_s,
             position: self
@@ -340,7 +340,7 @@ impl Watch {
     }
 
     /// Limits with a utilization of at least one half, in descending order.
-    fn used(&self, shares: &Shares) -> Vec<Used> {
+    fn used(&self, ratios: &LimitRatios) -> Vec<Used> {
         let mut used = Vec::new();
         for axis in &self.machine.axes {
             let limits = [axis.max_velocity, axis.max_acceleration, axis.max_jerk];
@@ -348,7 +348,7 @@ impl Watch {
                 let cause = Limiting::Axis(axis.letter, order);
                 used.push(Used {
                     limit: cause.name(),
-                    share: shares.axes[axis.letter.index()][n],
+                    share: ratios.axes[axis.letter.index()][n],
                     value: limits[n],
                     unit: order.unit(axis.letter),
                     cause,
@@ -358,7 +358,7 @@ impl Watch {
         used.push(Used {
             limit: Limiting::ChordError.name(),
             // Relative to the permitted error; the planner aims at less.
-            share: shares.chord_ratio * shares.chord_ratio * self.machine.path.planner.chord_fraction(),
+            share: ratios.chord_ratio * ratios.chord_ratio * self.machine.path.planner.chord_fraction(),
             value: 1e3 * self.machine.path.chord_error_increments / self.machine.increments_per_mm,
             unit: "um",
             cause: Limiting::ChordError,
@@ -376,7 +376,7 @@ mod tests {
     use crate::limiting::tests::{mill, moving};
 
     /// Feeds of the setpoints of line 5, between two others.
-    fn seen(feeds: &[f64], word: f64) -> Seen {
+    fn seen(feeds: &[f64], word: f64) -> LineTiming {
         let mut watch = Watch::new(5, &mill(), 0.001);
         let mut sequence = 0;
         let mut see = |line: u32, feed: f64| {

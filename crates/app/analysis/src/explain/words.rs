@@ -4,7 +4,7 @@ use std::fmt::{self, Display, Formatter};
 
 use super::Explanation;
 use super::surroundings::{Block, Corner, Neighbour, Surroundings};
-use super::watch::{Place, Seen, Where};
+use super::watch::{LineTiming, SlowPoint, Where};
 use crate::limiting::{Limiting, Order};
 
 /// Corners below this angle are ignored, degrees.
@@ -13,9 +13,9 @@ const SLIGHT_DEGREES: f64 = 0.5;
 const SHORT_MM: f64 = 2.0;
 
 /// Why the line is slow, and advice that cannot be measured here.
-pub(super) fn reasons(program: &Surroundings, seen: &Seen) -> (Vec<String>, Vec<String>) {
+pub(super) fn reasons(program: &Surroundings, seen: &LineTiming) -> (Vec<String>, Vec<String>) {
     let (mut reasons, mut advice) = (Vec::new(), Vec::new());
-    let share = |cause: Limiting| {
+    let fraction = |cause: Limiting| {
         seen.causes
             .iter()
             .find(|known| known.0 == cause)
@@ -24,17 +24,17 @@ pub(super) fn reasons(program: &Surroundings, seen: &Seen) -> (Vec<String>, Vec<
     if program.moves.is_empty() || seen.time_s <= 0.0 {
         return (reasons, advice);
     }
-    if share(Limiting::Feed) > 0.5 {
+    if fraction(Limiting::Feed) > 0.5 {
         reasons.push("it runs at its programmed feed for most of its time".to_owned());
         advice.push("a higher feed word, if the cut permits it".to_owned());
     }
-    for place in &seen.places {
-        let side = match place.at {
+    for point in &seen.places {
+        let side = match point.at {
             Where::Start => program.before.as_ref(),
             Where::End => program.after.as_ref(),
             Where::Within => None,
         };
-        if let Some(reason) = reason(place, side, program) {
+        if let Some(reason) = reason(point, side, program) {
             reasons.push(reason);
         }
     }
@@ -47,28 +47,28 @@ pub(super) fn reasons(program: &Surroundings, seen: &Seen) -> (Vec<String>, Vec<
     if short_neighbours(program) {
         advice.push("fewer and longer moves, or arcs instead of short lines, from the CAM system".to_owned());
     }
-    if share(Limiting::Nothing) > 0.5 {
+    if fraction(Limiting::Nothing) > 0.5 {
         reasons.push(
             "for most of its time no limit is reached: the planner keeps a reserve between short or curved \
              moves"
                 .to_owned(),
         );
     }
-    if share(Limiting::Joint) > 0.05 {
+    if fraction(Limiting::Joint) > 0.05 {
         advice.push("G64 instead of G61, or a longer path.joint_time_ms".to_owned());
     }
     (reasons, advice)
 }
 
-fn reason(place: &Place, side: Option<&Neighbour>, program: &Surroundings) -> Option<String> {
-    let (name, toward) = match place.at {
+fn reason(point: &SlowPoint, side: Option<&Neighbour>, program: &Surroundings) -> Option<String> {
+    let (name, toward) = match point.at {
         Where::Start => ("start", "from"),
         Where::End => ("end", "to"),
-        Where::Within => return within(place),
+        Where::Within => return within(point),
     };
-    let speed = speed(place);
+    let speed = speed(point);
     let Some(side) = side else {
-        let what = match place.at {
+        let what = match point.at {
             Where::Start => "begins",
             _ => "ends",
         };
@@ -109,7 +109,7 @@ fn reason(place: &Place, side: Option<&Neighbour>, program: &Surroundings) -> Op
     if side.mean_length_mm < SHORT_MM && side.mean_length_mm > 0.0 {
         causes.push(format!(
             "the moves {} it are {} mm long on average",
-            if place.at == Where::Start {
+            if point.at == Where::Start {
                 "before"
             } else {
                 "after"
@@ -123,26 +123,26 @@ fn reason(place: &Place, side: Option<&Neighbour>, program: &Surroundings) -> Op
     Some(format!("{speed} at its {name}: {}", causes.join("; ")))
 }
 
-fn within(place: &Place) -> Option<String> {
-    let bend = place.radius_mm.map_or_else(String::new, |radius| {
+fn within(point: &SlowPoint) -> Option<String> {
+    let bend = point.radius_mm.map_or_else(String::new, |radius| {
         format!(" where its radius is {} mm", short(radius))
     });
-    Some(match place.used.first() {
-        Some(most) => format!(
+    Some(match point.used.first() {
+        Some(first) => format!(
             "{} within it{bend}: {:.0} % of the {} limit is used there",
-            speed(place),
-            100.0 * most.share,
-            most.limit
+            speed(point),
+            100.0 * first.share,
+            first.limit
         ),
         None => format!(
             "{} within it{bend}, with every limit less than half used",
-            speed(place)
+            speed(point)
         ),
     })
 }
 
-fn exact_corner(program: &Surroundings, seen: &Seen) -> Option<String> {
-    let at = |at: Where| seen.places.iter().any(|place| place.at == at);
+fn exact_corner(program: &Surroundings, seen: &LineTiming) -> Option<String> {
+    let at = |at: Where| seen.places.iter().any(|point| point.at == at);
     let is_exact = |side: &Neighbour| {
         side.rest.is_none()
             && side.corner_degrees.is_some_and(|angle| angle >= SLIGHT_DEGREES)
@@ -166,11 +166,11 @@ fn short_neighbours(program: &Surroundings) -> bool {
         .any(|side| side.mean_length_mm > 0.0 && side.mean_length_mm < SHORT_MM)
 }
 
-fn speed(place: &Place) -> String {
-    if place.feed_mm_min < 1.0 {
+fn speed(point: &SlowPoint) -> String {
+    if point.feed_mm_min < 1.0 {
         "at rest".to_owned()
     } else {
-        format!("{:.0} mm/min", place.feed_mm_min)
+        format!("{:.0} mm/min", point.feed_mm_min)
     }
 }
 
@@ -212,15 +212,15 @@ impl Display for Explanation {
         let causes: Vec<String> = seen
             .causes
             .iter()
-            .filter(|(_, share)| *share >= 0.005)
-            .map(|(cause, share)| format!("{} {:.0} %", cause.name(), 100.0 * share))
+            .filter(|(_, fraction)| *fraction >= 0.005)
+            .map(|(cause, fraction)| format!("{} {:.0} %", cause.name(), 100.0 * fraction))
             .collect();
         writeln!(f, "  limited by: {}", causes.join(", "))?;
         if seen.places.is_empty() {
             writeln!(f, "  nowhere below 97 % of its feed")?;
         }
-        for place in &seen.places {
-            self.place(f, place)?;
+        for point in &seen.places {
+            self.write_point(f, point)?;
         }
         for reason in &self.reasons {
             writeln!(f, "  because: {reason}")?;
@@ -258,25 +258,25 @@ impl Explanation {
         }
     }
 
-    fn place(&self, f: &mut Formatter<'_>, place: &Place) -> fmt::Result {
-        let name = match place.at {
+    fn write_point(&self, f: &mut Formatter<'_>, point: &SlowPoint) -> fmt::Result {
+        let name = match point.at {
             Where::Start => "at its start",
             Where::Within => "within it",
             Where::End => "at its end",
         };
-        let position: Vec<String> = place.position.iter().map(|value| format!("{value:.4}")).collect();
+        let position: Vec<String> = point.position.iter().map(|value| format!("{value:.4}")).collect();
         write!(
             f,
             "  slow {name}: {:.0} mm/min at {:.3} s, position {}",
-            place.feed_mm_min,
-            place.time_s,
+            point.feed_mm_min,
+            point.time_s,
             position.join(" ")
         )?;
-        if let Some(radius) = place.radius_mm {
+        if let Some(radius) = point.radius_mm {
             write!(f, ", radius {} mm", short(radius))?;
         }
         writeln!(f)?;
-        for used in place.used.iter().take(3) {
+        for used in point.used.iter().take(3) {
             let digits = match used.cause {
                 Limiting::Axis(_, Order::Jerk | Order::Acceleration) => 0,
                 _ => 2,

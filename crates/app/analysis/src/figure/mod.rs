@@ -167,15 +167,15 @@ impl PlanFigure {
                 "small",
                 &format!("{}, mm", names[j]),
             );
-            let place = |point: &TrailPoint| (across.at(point.position[i]), up.at(point.position[j]));
+            let project = |point: &TrailPoint| (across.at(point.position[i]), up.at(point.position[j]));
             if view == 0 {
-                self.draw_by_feed(svg, &points, place);
+                self.draw_by_feed(svg, &points, project);
             } else {
-                self.draw_by_cause(svg, &points, place);
+                self.draw_by_cause(svg, &points, project);
             }
             if let (Some(first), Some(last)) = (points.first(), points.last()) {
-                svg.circle(place(first), 3.5, "mark");
-                svg.circle(place(last), 2.0, "mark");
+                svg.circle(project(first), 3.5, "mark");
+                svg.circle(project(last), 2.0, "mark");
             }
             if 0.5 * self.trail.tolerance() > per_px {
                 let text = format!("drawn within {:.2} mm", self.trail.tolerance());
@@ -187,12 +187,17 @@ impl PlanFigure {
         self.draw_cause_legend(svg, below)
     }
 
-    fn draw_by_feed(&self, svg: &mut Svg, points: &[TrailPoint], place: impl Fn(&TrailPoint) -> (f64, f64)) {
+    fn draw_by_feed(
+        &self,
+        svg: &mut Svg,
+        points: &[TrailPoint],
+        project: impl Fn(&TrailPoint) -> (f64, f64),
+    ) {
         let tone = |feed: f64| {
-            let share = feed / self.fastest.max(1e-9);
-            ((FEED_TONES as f64 * share) as usize).min(FEED_TONES - 1)
+            let fraction = feed / self.fastest.max(1e-9);
+            ((FEED_TONES as f64 * fraction) as usize).min(FEED_TONES - 1)
         };
-        let pens = pens(FEED_TONES + 1, points, place, |point| {
+        let pens = pens(FEED_TONES + 1, points, project, |point| {
             point.feed.map_or(FEED_TONES, tone)
         });
         // Rapids first, then from fast to slow: slow sections are on top.
@@ -202,9 +207,14 @@ impl PlanFigure {
         }
     }
 
-    fn draw_by_cause(&self, svg: &mut Svg, points: &[TrailPoint], place: impl Fn(&TrailPoint) -> (f64, f64)) {
+    fn draw_by_cause(
+        &self,
+        svg: &mut Svg,
+        points: &[TrailPoint],
+        project: impl Fn(&TrailPoint) -> (f64, f64),
+    ) {
         // Rapids are thinner: they cross the part.
-        let pens = pens(2 * Limiting::COUNT, points, place, |point| {
+        let pens = pens(2 * Limiting::COUNT, points, project, |point| {
             usize::from(point.cause) + if point.feed.is_none() { Limiting::COUNT } else { 0 }
         });
         let mut causes = self.strips.causes();
@@ -232,9 +242,14 @@ impl PlanFigure {
         }
         let end = left + width * FEED_TONES as f64;
         let fastest = 60.0 * self.fastest;
-        for (share, anchor) in [(0.0, Anchor::Start), (0.5, Anchor::Middle), (1.0, Anchor::End)] {
-            let text = grouped((share * fastest).round());
-            svg.text((left + share * (end - left), top + 26.0), anchor, "small", &text);
+        for (fraction, anchor) in [(0.0, Anchor::Start), (0.5, Anchor::Middle), (1.0, Anchor::End)] {
+            let text = grouped((fraction * fastest).round());
+            svg.text(
+                (left + fraction * (end - left), top + 26.0),
+                anchor,
+                "small",
+                &text,
+            );
         }
         svg.text((end + 10.0, top + 11.0), Anchor::Start, "", "mm/min");
         svg.text(
@@ -251,15 +266,15 @@ impl PlanFigure {
         let column = 0.5 * (right - left);
         let shown = causes.len().min(NAMED);
         let rows = shown.div_ceil(2).max(1);
-        for (k, (cause, share)) in causes.iter().take(shown).enumerate() {
+        for (k, (cause, fraction)) in causes.iter().take(shown).enumerate() {
             let (x, y) = (left + column * (k / rows) as f64, top + 18.0 * (k % rows) as f64);
             svg.rect((x, y), (22.0, 12.0), &cause_colour(*cause));
-            let text = format!("{}: {} of the time", cause.name(), percent(*share));
+            let text = format!("{}: {} of the time", cause.name(), percent(*fraction));
             svg.text((x + 30.0, y + 10.5), Anchor::Start, "", &text);
         }
         let mut y = top + 18.0 * rows as f64;
         if causes.len() > shown {
-            let rest: f64 = causes.iter().skip(shown).map(|(_, share)| share).sum();
+            let rest: f64 = causes.iter().skip(shown).map(|(_, fraction)| fraction).sum();
             let text = format!("and {} more: {} of the time", causes.len() - shown, percent(rest));
             svg.text((left, y + 10.5), Anchor::Start, "small", &text);
             y += 18.0;
@@ -300,14 +315,14 @@ impl PlanFigure {
             "mm/min (deg/min where only rotary axes move); rapids grey; black line: feed word times override",
         );
         let buckets = self.strips.buckets();
-        let most = |range: &dyn Fn(&Bucket) -> Range| {
+        let max = |range: &dyn Fn(&Bucket) -> Range| {
             buckets
                 .iter()
                 .map(|bucket| range(bucket).magnitude())
                 .fold(0.0, f64::max)
         };
-        let (cutting, rapid) = (most(&|bucket| bucket.feed), most(&|bucket| bucket.rapid));
-        let word = most(&|bucket| bucket.word);
+        let (cutting, rapid) = (max(&|bucket| bucket.feed), max(&|bucket| bucket.rapid));
+        let word = max(&|bucket| bucket.word);
         // Neither rapids nor a feed word far above the achieved feed may flatten the diagram.
         let reached = if cutting > 0.0 { cutting } else { rapid };
         let high = 60.0
@@ -433,18 +448,18 @@ impl PlanFigure {
                 "small",
                 order.unit(axis.letter),
             );
-            let most = self
+            let max = self
                 .strips
                 .buckets()
                 .iter()
                 .map(|bucket| range(bucket).magnitude())
                 .fold(0.0, f64::max);
-            let class = if most > TOLERATED[n] * limit {
+            let class = if max > TOLERATED[n] * limit {
                 "bad"
             } else {
                 "small"
             };
-            let text = format!("{:.1} %", 100.0 * most / limit);
+            let text = format!("{:.1} %", 100.0 * max / limit);
             svg.text((RIGHT + 6.0, up.at(0.0) + 4.0), Anchor::Start, class, &text);
             svg.frame((LEFT, top), (RIGHT - LEFT, STRIP_HEIGHT));
         }
@@ -491,14 +506,14 @@ impl PlanFigure {
 fn pens(
     count: usize,
     points: &[TrailPoint],
-    place: impl Fn(&TrailPoint) -> (f64, f64),
+    project: impl Fn(&TrailPoint) -> (f64, f64),
     colour: impl Fn(&TrailPoint) -> usize,
 ) -> Vec<Pen> {
     let mut pens: Vec<Pen> = std::iter::repeat_with(Pen::default).take(count).collect();
     let mut last = None;
     for pair in points.windows(2) {
         let which = colour(&pair[0]).min(count.saturating_sub(1));
-        let (from, to) = (place(&pair[0]), place(&pair[1]));
+        let (from, to) = (project(&pair[0]), project(&pair[1]));
         if let Some(pen) = pens.get_mut(which) {
             if last != Some(which) {
                 pen.move_to(from.0, from.1);
@@ -518,11 +533,11 @@ fn column(bucket: &Bucket, cause: Limiting) -> (f64, f64) {
     (f64::from(above) / whole, f64::from(above + own) / whole)
 }
 
-fn percent(share: f64) -> String {
-    if share > 0.0 && share < 0.0005 {
+fn percent(fraction: f64) -> String {
+    if fraction > 0.0 && fraction < 0.0005 {
         "< 0.1 %".to_owned()
     } else {
-        format!("{:.1} %", 100.0 * share)
+        format!("{:.1} %", 100.0 * fraction)
     }
 }
 

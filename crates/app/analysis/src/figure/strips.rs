@@ -107,7 +107,7 @@ pub(crate) struct Strips {
     filled: u64,
     period_s: f64,
     /// Total number of setpoints, and of those limited by each cause.
-    seen: u64,
+    total: u64,
     causes: [u64; Limiting::COUNT],
 }
 
@@ -119,7 +119,7 @@ impl Strips {
             width: 1,
             filled: 0,
             period_s,
-            seen: 0,
+            total: 0,
             causes: [0; Limiting::COUNT],
         }
     }
@@ -136,7 +136,7 @@ impl Strips {
             }
         }
         self.filled += 1;
-        self.seen += 1;
+        self.total += 1;
         self.causes[cause.index()] += 1;
         let Some(bucket) = self.buckets.last_mut() else {
             return;
@@ -181,7 +181,7 @@ impl Strips {
     }
 
     pub(crate) fn end_s(&self) -> f64 {
-        self.seen as f64 * self.period_s
+        self.total as f64 * self.period_s
     }
 
     /// Fraction of the time limited by each cause, in descending order; only causes that occur.
@@ -191,7 +191,7 @@ impl Strips {
             .iter()
             .enumerate()
             .filter(|(_, count)| **count > 0)
-            .map(|(index, count)| (Limiting::of_index(index), *count as f64 / self.seen as f64))
+            .map(|(index, count)| (Limiting::of_index(index), *count as f64 / self.total as f64))
             .collect();
         causes.sort_by(|a, b| b.1.total_cmp(&a.1));
         causes

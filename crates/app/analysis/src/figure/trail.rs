@@ -26,7 +26,7 @@ impl TrailPoint {
 #[derive(Debug)]
 pub(crate) struct Trail {
     points: Vec<TrailPoint>,
-    most: usize,
+    max_points: usize,
     tolerance: f64,
     direction: Option<[f64; 3]>,
     reach: f64,
@@ -34,11 +34,11 @@ pub(crate) struct Trail {
 }
 
 impl Trail {
-    /// A trail of at most `most` points, and not fewer than 8; `tolerance`, above zero, is the initial one.
-    pub(crate) fn new(most: usize, tolerance: f64) -> Self {
+    /// A trail of at most `max_points` points, and not fewer than 8; `tolerance`, above zero, is the initial one.
+    pub(crate) fn new(max_points: usize, tolerance: f64) -> Self {
         Self {
-            points: Vec::with_capacity(most.max(8)),
-            most: most.max(8),
+            points: Vec::with_capacity(max_points.max(8)),
+            max_points: max_points.max(8),
             tolerance,
             direction: None,
             reach: 0.0,
@@ -63,11 +63,11 @@ impl Trail {
             return;
         }
         self.add(point);
-        while self.points.len() > self.most {
+        while self.points.len() > self.max_points {
             self.tolerance *= 2.0;
             let old = std::mem::take(&mut self.points);
             let latest = self.latest.take();
-            self.points.reserve(self.most);
+            self.points.reserve(self.max_points);
             for point in old.into_iter().chain(latest) {
                 self.add(point);
             }
@@ -79,20 +79,20 @@ impl Trail {
             self.keep(point);
             return;
         };
-        let way = minus(point.position, anchor.position);
-        let far = dot(way, way).sqrt();
+        let chord = minus(point.position, anchor.position);
+        let far = dot(chord, chord).sqrt();
         if point.colour() != anchor.colour() && far >= self.tolerance {
             self.keep(point);
             return;
         }
         match self.direction {
             None if far >= 4.0 * self.tolerance => {
-                self.direction = Some(way.map(|x| x / far));
+                self.direction = Some(chord.map(|x| x / far));
                 self.reach = far;
             }
             None => {}
             Some(direction) => {
-                let along = dot(way, direction);
+                let along = dot(chord, direction);
                 let beside = (far * far - along * along).max(0.0).sqrt();
                 if beside > self.tolerance || along < self.reach - self.tolerance {
                     if let Some(latest) = self.latest.take() {
@@ -141,9 +141,9 @@ mod tests {
 
     /// Distance from a section.
     fn off(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
-        let (way, to) = (minus(b, a), minus(p, a));
-        let share = (dot(way, to) / dot(way, way).max(1e-300)).clamp(0.0, 1.0);
-        let rest = minus(to, way.map(|x| x * share));
+        let (chord, to) = (minus(b, a), minus(p, a));
+        let fraction = (dot(chord, to) / dot(chord, chord).max(1e-300)).clamp(0.0, 1.0);
+        let rest = minus(to, chord.map(|x| x * fraction));
         dot(rest, rest).sqrt()
     }
 

@@ -24,14 +24,14 @@ pub struct ChordQuestion {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ChordQuestionError {
     /// A number that is not above 0, or too large.
-    #[error("{name} {} is impossible: give a number above 0 and up to {most:e}", plain(*.value))]
+    #[error("{name} {} is impossible: give a number above 0 and up to {max:e}", plain(*.value))]
     Impossible {
         /// Name of the number: `rate`, `feed`, `radius`, `increments per mm` or `permitted error`.
         name: &'static str,
         /// The value given.
         value: f64,
         /// The maximum accepted.
-        most: f64,
+        max: f64,
     },
     /// Fewer than two of the three values.
     #[error("give two of rate, feed and radius for the third, or all three for the chord error")]
@@ -65,7 +65,7 @@ impl ChordQuestion {
     /// # Errors
     /// Fewer than two of the three values, or invalid numbers.
     pub fn point(self, input: &RateInput) -> Result<ChordPoint, ChordQuestionError> {
-        for (name, value, most) in [
+        for (name, value, max) in [
             ("rate", self.rate_hz, 1e9),
             ("feed", self.feed_mm_min, 1e9),
             ("radius", self.radius_mm, 1e9),
@@ -73,9 +73,9 @@ impl ChordQuestion {
             ("permitted error", Some(input.permitted_error_increments), 1e6),
         ] {
             if let Some(value) = value
-                && !(value > 0.0 && value <= most)
+                && !(value > 0.0 && value <= max)
             {
-                return Err(ChordQuestionError::Impossible { name, value, most });
+                return Err(ChordQuestionError::Impossible { name, value, max });
             }
         }
         let (k, permitted) = (input.increments_per_mm, input.permitted_error_increments);

@@ -17,11 +17,11 @@ const TINY_MM: f64 = 0.06;
 pub(crate) fn program(trial: &TurningTrial) -> String {
     let (cut, settings) = (&trial.job.cut, &trial.job.settings);
     let mut text = String::new();
-    let place = |along: f64, out: f64| {
+    let project = |along: f64, out: f64| {
         let (x, z) = cut.position_mm(along, out);
         (ProgramNumber::rounded(x, 4), ProgramNumber::rounded(z, 4))
     };
-    let (x, z) = place(trial.start.0, trial.start.1);
+    let (x, z) = project(trial.start.0, trial.start.1);
     // Writing to a string cannot fail.
     let _ = writeln!(
         text,
@@ -37,10 +37,10 @@ pub(crate) fn program(trial: &TurningTrial) -> String {
         ProgramNumber::exact(settings.spindle_rpm)
     );
     let mut from = trial.start;
-    let least_feed = settings.regime.feed_min_mm_rev;
-    for stretch in joined(&trial.stretches, trial.start, least_feed) {
+    let min_feed = settings.regime.feed_min_mm_rev;
+    for stretch in joined(&trial.stretches, trial.start, min_feed) {
         let to = (stretch.to_along_mm, stretch.to_out_mm);
-        let (x, z) = place(to.0, to.1);
+        let (x, z) = project(to.0, to.1);
         let _ = match stretch.turns {
             Some(turns) => {
                 let feed = length(from, to) / turns * settings.spindle_rpm;
@@ -109,9 +109,9 @@ fn length(from: (f64, f64), to: (f64, f64)) -> f64 {
 
 /// Merges short sections. A feed move starts and ends with many feed changes, a cross move with the end of
 /// deceleration. Sections at a cutting feed stay unchanged: at their mean feed, the slow end of an engagement
-/// would be cut at the feed of its beginning in air. Below `least_feed`, mm per revolution, an axis
+/// would be cut at the feed of its beginning in air. Below `min_feed`, mm per revolution, an axis
 /// accelerates, as it does in the program anyway.
-fn joined(stretches: &[Stretch], start: (f64, f64), least_feed: f64) -> Vec<Stretch> {
+fn joined(stretches: &[Stretch], start: (f64, f64), min_feed: f64) -> Vec<Stretch> {
     let mut list: Vec<(Stretch, f64)> = Vec::new();
     let mut from = start;
     for stretch in stretches {
@@ -123,7 +123,7 @@ fn joined(stretches: &[Stretch], start: (f64, f64), least_feed: f64) -> Vec<Stre
             let joins = match (last.turns, stretch.turns) {
                 (Some(turns), Some(more))
                     if short < SHORT_MM
-                        && (*before < least_feed * turns || own < least_feed * more)
+                        && (*before < min_feed * turns || own < min_feed * more)
                         && last.climbs == stretch.climbs
                         && (stretch.climbs || last.to_out_mm == to.1) =>
                 {

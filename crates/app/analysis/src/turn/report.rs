@@ -164,8 +164,8 @@ fn blank(svg: &mut Svg, trial: &TurningTrial, across: &Scale, up: &Scale, whole:
     let mut blank = Pen::default();
     blank.move_to(across.at(0.0), up.at(0.0));
     for i in 0..=1000 {
-        let place = whole * f64::from(i) / 1000.0;
-        blank.line_to(across.at(place), up.at(trial.blank.height_mm(place)));
+        let position = whole * f64::from(i) / 1000.0;
+        blank.line_to(across.at(position), up.at(trial.blank.height_mm(position)));
     }
     blank.line_to(across.at(whole), up.at(0.0));
     blank.close();

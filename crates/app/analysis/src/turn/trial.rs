@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
-use evolvent_runtime::{Clock, Controls, Job as Run, Notice, RunObserver, Setup, run_seen};
+use evolvent_runtime::{Clock, Controls, Job as Run, Notice, RunObserver, Setup, run_observed};
 use evolvent_turning::{
-    Blank, CutKind, CutNow, Figures, ScalarLimits, Transition, TurningJob, TurningOutput, TurningSettings,
+    Blank, CutKind, CutState, Figures, ScalarLimits, Transition, TurningJob, TurningOutput, TurningSettings,
     TurningState, run_fixed_at_load,
 };
 
@@ -172,12 +172,12 @@ impl TurningTrial {
         let (mut cycle, mut peak, mut above) = (0_u64, 0.0, 0.0);
         let mut writer = StretchWriter::default();
         let mut is_done = false;
-        let outcome = run_seen(&job, &controls, &mut Silent(&mut self.notes), |seen| {
-            let Some(output) = seen.turning else { return };
+        let outcome = run_observed(&job, &controls, &mut Silent(&mut self.notes), |observed| {
+            let Some(output) = observed.turning else { return };
             // Without simulated stock, the load is the measured one.
-            let now = seen.cut.unwrap_or(CutNow {
+            let now = observed.cut.unwrap_or(CutState {
                 load: output.load,
-                ..CutNow::default()
+                ..CutState::default()
             });
             self.figures.see(
                 output,

@@ -113,13 +113,13 @@ pub(crate) fn run(
             .map(PathBuf::as_path),
         [(args.case.as_path(), "the case file")],
     )?;
-    for (option, value, least, most) in [
+    for (option, value, min, max) in [
         ("--kick", args.kick, -1e3, 1e3),
         ("--seconds", args.seconds, 1e-4, 100.0),
     ] {
-        if let Some(value) = value.filter(|value| !(least..=most).contains(value)) {
+        if let Some(value) = value.filter(|value| !(min..=max).contains(value)) {
             return Err(CommandError::Usage(format!(
-                "{option} is {value}: give a number from {least} to {most}"
+                "{option} is {value}: give a number from {min} to {max}"
             )));
         }
     }

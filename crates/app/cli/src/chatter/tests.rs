@@ -315,9 +315,9 @@ fn bad_cases_are_refused_with_file_line_and_key() {
         let text = good.replacen(from, to, 1);
         assert_ne!(text, good, "{from}");
         let message = refusal(&text, "case.toml");
-        let place = format!("case.toml:{}:", line_of(from));
+        let location = format!("case.toml:{}:", line_of(from));
         assert!(
-            message.contains(&place) && message.contains(&format!(" {key}: ")),
+            message.contains(&location) && message.contains(&format!(" {key}: ")),
             "{message}"
         );
     }

@@ -267,9 +267,9 @@ pub(crate) fn value(opened: &Opened, g: &Gathered) -> Value {
         "events_left_out": g.timeline.events_left_out,
         "gaps": g.counts.gaps,
         "trail": {
-            "x": floats(&|spot| spot.place[0]),
-            "y": floats(&|spot| spot.place[1]),
-            "z": floats(&|spot| spot.place[2]),
+            "x": floats(&|spot| spot.position[0]),
+            "y": floats(&|spot| spot.position[1]),
+            "z": floats(&|spot| spot.position[2]),
             "feed": floats(&|spot| spot.feed_mm_s),
             "error": if g.has_errors { Value::from(floats(&|spot| spot.error)) } else { Value::Null },
             "sequence": base64(&sequences),

@@ -165,12 +165,12 @@ struct Curves {
 
 impl Curves {
     fn new(axes: usize) -> Self {
-        let room = if axes > MANY_AXES {
+        let capacity = if axes > MANY_AXES {
             STRETCHES_OF_MANY
         } else {
             STRETCHES
         };
-        let curve = || Pyramid::new(room);
+        let curve = || Pyramid::new(capacity);
         Self {
             feed: curve(),
             override_: curve(),
@@ -436,7 +436,7 @@ impl Gathered {
             }
         }
         trail.push(Spot {
-            place: [record.position[0], record.position[1], record.position[2]],
+            position: [record.position[0], record.position[1], record.position[2]],
             feed_mm_s: record.feed_mm_s,
             error,
             sequence: record.sequence,

@@ -10,7 +10,7 @@ const FIRST_SKIPS: usize = 24;
 /// A point of the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Spot {
-    pub(crate) place: [f64; 3],
+    pub(crate) position: [f64; 3],
     pub(crate) feed_mm_s: f64,
     pub(crate) error: f64,
     pub(crate) sequence: u64,
@@ -41,7 +41,7 @@ impl Trail {
     }
 
     pub(crate) fn push(&mut self, spot: Spot) {
-        if !spot.place.iter().all(|value| value.is_finite()) {
+        if !spot.position.iter().all(|value| value.is_finite()) {
             return;
         }
         let Some(anchor) = self.kept.last().copied() else {
@@ -49,16 +49,15 @@ impl Trail {
             return;
         };
         // Cycles at rest add nothing.
-        if self.skipped.last().unwrap_or(&anchor).place == spot.place {
+        if self.skipped.last().unwrap_or(&anchor).position == spot.position {
             return;
         }
         let fits = self.skipped.len() < self.skips
             && spot.is_rapid == anchor.is_rapid
             && (spot.feed_mm_s - anchor.feed_mm_s).abs() < self.feed_step_mm_s
-            && self
-                .skipped
-                .iter()
-                .all(|skipped| off_line(&skipped.place, &anchor.place, &spot.place) <= self.tolerance_mm);
+            && self.skipped.iter().all(|skipped| {
+                off_line(&skipped.position, &anchor.position, &spot.position) <= self.tolerance_mm
+            });
         if !fits && let Some(corner) = self.skipped.pop() {
             self.skipped.clear();
             self.kept.push(corner);
@@ -95,17 +94,17 @@ impl Trail {
 fn off_line(point: &[f64; 3], from: &[f64; 3], to: &[f64; 3]) -> f64 {
     let sub = |a: &[f64; 3], b: &[f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let dot = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    let (way, off) = (sub(to, from), sub(point, from));
-    let square = dot(&way, &way);
-    let share = if square > 0.0 {
-        (dot(&off, &way) / square).clamp(0.0, 1.0)
+    let (chord, off) = (sub(to, from), sub(point, from));
+    let square = dot(&chord, &chord);
+    let fraction = if square > 0.0 {
+        (dot(&off, &chord) / square).clamp(0.0, 1.0)
     } else {
         0.0
     };
     let rest = [
-        off[0] - share * way[0],
-        off[1] - share * way[1],
-        off[2] - share * way[2],
+        off[0] - fraction * chord[0],
+        off[1] - fraction * chord[1],
+        off[2] - fraction * chord[2],
     ];
     dot(&rest, &rest).sqrt()
 }
@@ -121,7 +120,7 @@ mod tests {
             .map(|n| {
                 let angle = n as f64 * 1e-3;
                 Spot {
-                    place: [20.0 * angle.cos(), 20.0 * angle.sin(), angle * 0.1],
+                    position: [20.0 * angle.cos(), 20.0 * angle.sin(), angle * 0.1],
                     feed_mm_s: 20.0,
                     error: 0.0,
                     sequence: n,
@@ -138,7 +137,7 @@ mod tests {
             while kept[at + 1].sequence < spot.sequence {
                 at += 1;
             }
-            let off = off_line(&spot.place, &kept[at].place, &kept[at + 1].place);
+            let off = off_line(&spot.position, &kept[at].position, &kept[at + 1].position);
             assert!(off <= tolerance, "{off} at {}", spot.sequence);
         }
         assert_eq!((kept[0].sequence, kept[kept.len() - 1].sequence), (0, 199_999));

@@ -249,14 +249,14 @@ fn where_time_went(g: &Gathered, duration_s: f64, say: &mut impl FnMut(Gravity, 
     }
     let overrides: Vec<f64> = g.timeline.overrides.iter().map(|span| span.value).collect();
     if overrides.iter().any(|value| (value - 1.0).abs() > 1e-9) {
-        let least = overrides.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = overrides.iter().copied().fold(0.0, f64::max);
+        let min = overrides.iter().copied().fold(f64::INFINITY, f64::min);
+        let max = overrides.iter().copied().fold(0.0, f64::max);
         say(
             Gravity::Note,
             format!(
                 "The feed override was {:.0} to {:.0} %.",
-                100.0 * least,
-                100.0 * most
+                100.0 * min,
+                100.0 * max
             ),
         );
     }

@@ -237,8 +237,8 @@ pub(super) fn recorded_inputs(record: &CycleRecord, load: Option<LoadSample>) ->
             ..Inputs::default()
         },
         lag: PlannerLag {
-            failed_look: (record.inputs & bits::WAITED != 0)
-                .then_some((record.inputs >> bits::FAILED_LOOK_SHIFT) as u8),
+            failed_lookup: (record.inputs & bits::WAITED != 0)
+                .then_some((record.inputs >> bits::FAILED_LOOKUP_SHIFT) as u8),
             refused: record.inputs & bits::REFUSED != 0,
         },
         runs_on: record.inputs & bits::RUNS_ON != 0,

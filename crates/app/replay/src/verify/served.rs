@@ -45,7 +45,7 @@ struct Served<'a> {
     load: Option<LoadSample>,
     reasons: usize,
     /// The user was notified that corrections are not recomputed.
-    told_uncorrected: bool,
+    uncorrected_reported: bool,
 }
 
 pub(super) fn verify(
@@ -99,7 +99,7 @@ pub(super) fn verify(
         last: None,
         load: None,
         reasons: 0,
-        told_uncorrected: false,
+        uncorrected_reported: false,
     };
     let trace = &mut opened.trace;
     let watch = thread::scope(|scope| -> Result<Watch<'_>, InspectError> {
@@ -181,7 +181,7 @@ impl Served<'_> {
                 self.one(records, None);
             }
             Some(JobStart::Steered(steered)) => {
-                let is_known = self.find_place(records);
+                let is_known = self.find_position(records);
                 if is_known && !steered.is_turn {
                     self.travel = (steered.travel_min, steered.travel_max);
                     self.again.begin_within(self.travel);
@@ -232,7 +232,7 @@ impl Served<'_> {
     }
 
     /// Takes the position of the axes from the previous record, if recomputation does not know it.
-    fn find_place(&mut self, records: &mut Records) -> bool {
+    fn find_position(&mut self, records: &mut Records) -> bool {
         if !self.lost {
             return true;
         }
@@ -242,7 +242,7 @@ impl Served<'_> {
         let rests = is_at_rest(&last) && last.sequence + 1 == next.sequence;
         if rests {
             self.again
-                .place_at(self.travel, next.sequence, last.position.into(), last.path_mm);
+                .restart_at(self.travel, next.sequence, last.position.into(), last.path_mm);
             self.lost = false;
         }
         rests
@@ -283,11 +283,11 @@ impl Served<'_> {
                     .split(|&byte| byte == b'\n')
                     .map(|line| String::from_utf8_lossy(line).trim_end().to_owned())
                     .collect();
-                let is_known = self.find_place(records);
+                let is_known = self.find_position(records);
                 if is_known {
                     let limits = self.setup.machine.limits();
-                    let place = &start.place;
-                    self.travel = (limits.travel_min.inf(place), limits.travel_max.sup(place));
+                    let position = &start.position;
+                    self.travel = (limits.travel_min.inf(position), limits.travel_max.sup(position));
                     self.again.begin_within(self.travel);
                 }
                 if is_known
@@ -315,7 +315,7 @@ impl Served<'_> {
         let mut judge = route
             .as_ref()
             .map(|route| Judge::new(&self.setup.machine.clone(), self.again.period_ns(), route));
-        let (mut most_override, mut end, mut next) = (0.0_f64, End::Stopped, None);
+        let (mut max_override, mut end, mut next) = (0.0_f64, End::Stopped, None);
         while let Some(record) = records.peek() {
             let record = *record;
             let goes_on = next.is_none_or(|next| record.sequence == next);
@@ -337,13 +337,13 @@ impl Served<'_> {
                 break;
             }
             next = Some(record.sequence + 1);
-            most_override = most_override.max(record.override_);
+            max_override = max_override.max(record.override_);
             end = End::at(&record);
             self.one(records, judge.as_mut());
         }
         if let Some(judge) = judge.filter(|_| next.is_some()) {
             let whose = format!("job {job}: ");
-            judged(&judge.finish(), end, most_override, &whose, self.verified);
+            judged(&judge.finish(), end, max_override, &whose, self.verified);
         }
         if !self.again.is_at_work() {
             // The folder is no longer needed, and there may be many.
@@ -388,7 +388,7 @@ impl Served<'_> {
             }
         }
         setup.memory = memory;
-        setup.place = Some(start.place);
+        setup.position = Some(start.position);
         setup.tool = start.tool;
         setup.selected_tool = start.selected_tool;
         setup.restored = start.restored;
@@ -430,7 +430,7 @@ impl Served<'_> {
         if by_nothing && self.lost && is_at_rest(&record) && record.state != MotionState::Stopping as u8 {
             let position = record.position.into();
             self.again
-                .place_at(self.travel, record.sequence, position, record.path_mm);
+                .restart_at(self.travel, record.sequence, position, record.path_mm);
             self.lost = false;
         }
         self.relocate(&record);
@@ -449,8 +449,8 @@ impl Served<'_> {
             return;
         };
         let is_corrected = self.comparing.is_corrected(&record);
-        if is_corrected && self.again.corrected().is_none() && !self.told_uncorrected {
-            self.told_uncorrected = true;
+        if is_corrected && self.again.corrected().is_none() && !self.uncorrected_reported {
+            self.uncorrected_reported = true;
             self.verified.notes.push(format!(
                 "from cycle {} on the corrected setpoints were only checked against the limits: the \
                  previous directions of the axes are unknown",
@@ -477,7 +477,7 @@ impl Served<'_> {
             // The next job is verified independently.
             let position = record.position.into();
             self.again
-                .place_at(self.travel, record.sequence + 1, position, record.path_mm);
+                .restart_at(self.travel, record.sequence + 1, position, record.path_mm);
         }
     }
 

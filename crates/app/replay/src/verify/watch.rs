@@ -22,7 +22,7 @@ pub(super) struct Watch<'a> {
     pub(super) judge: Option<Judge<'a>>,
     /// Travels of jogs and homing on axes that are not homed.
     pub(super) travels: VecDeque<TravelFrom>,
-    pub(super) most_override: f64,
+    pub(super) max_override: f64,
     pub(super) end: End,
     pub(super) last_sequence: Option<u64>,
     pub(super) cycles: u64,
@@ -37,7 +37,7 @@ impl<'a> Watch<'a> {
             check,
             judge,
             travels,
-            most_override: 0.0,
+            max_override: 0.0,
             end: End::Stopped,
             last_sequence: None,
             cycles: 0,
@@ -77,7 +77,7 @@ impl<'a> Watch<'a> {
         if let Some(judge) = &mut self.judge {
             judge.sample(&record.position.into());
         }
-        self.most_override = self.most_override.max(record.override_);
+        self.max_override = self.max_override.max(record.override_);
         self.end = End::at(record);
         if record.flags & flags::STARVED != 0 {
             self.first_starved.get_or_insert(record.sequence);
@@ -130,7 +130,7 @@ impl<'a> Watch<'a> {
             }
             return;
         };
-        judged(&judge.finish(), self.end, self.most_override, "", verified);
+        judged(&judge.finish(), self.end, self.max_override, "", verified);
     }
 }
 
@@ -159,11 +159,11 @@ impl End {
 
 /// Adds the judge's findings about the path. A run that was stopped has no end; braking after a fault may
 /// leave the path.
-pub(super) fn judged(verdict: &Verdict, end: End, most_override: f64, whose: &str, verified: &mut Verified) {
-    let most = verified.max_path_error_mm.unwrap_or(0.0);
-    verified.max_path_error_mm = Some(verdict.deviation_mm.value.max(most));
+pub(super) fn judged(verdict: &Verdict, end: End, max_override: f64, whose: &str, verified: &mut Verified) {
+    let max = verified.max_path_error_mm.unwrap_or(0.0);
+    verified.max_path_error_mm = Some(verdict.deviation_mm.value.max(max));
     let allowances = Allowances {
-        feed: FEED * most_override.max(1.0),
+        feed: FEED * max_override.max(1.0),
         ..Allowances::default()
     };
     let unfinished = [Kind::Missed, Kind::Rest, Kind::End];

@@ -190,8 +190,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         if motion.kind == MoveKind::Rapid && rapid_override < 1.0 && self.next.override_counts {
             motion.feed_mm_s = rapid_override * self.rapid_speed(&motion.curve);
         }
-        if let (MoveKind::Feed, Some(most)) = (motion.kind, self.setup.machine.max_feed_mm_s) {
-            motion.feed_mm_s = motion.feed_mm_s.min(most);
+        if let (MoveKind::Feed, Some(max_feed)) = (motion.kind, self.setup.machine.max_feed_mm_s) {
+            motion.feed_mm_s = motion.feed_mm_s.min(max_feed);
         }
         if motion.kind == MoveKind::Feed {
             self.restore_override();
@@ -221,12 +221,12 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     /// Never 0.
     pub(super) fn rapid_speed(&self, curve: &Curve) -> f64 {
         let limits = self.setup.machine.limits();
-        let way = curve.end() - curve.start();
+        let difference = curve.end() - curve.start();
         let length = curve.length();
         let mut speed = f64::INFINITY;
-        for axis in 0..way.len() {
-            if limits.present[axis] && way[axis] != 0.0 {
-                speed = speed.min(limits.velocity[axis] * length / way[axis].abs());
+        for axis in 0..difference.len() {
+            if limits.present[axis] && difference[axis] != 0.0 {
+                speed = speed.min(limits.velocity[axis] * length / difference[axis].abs());
             }
         }
         if speed.is_finite() { speed.max(1e-3) } else { 1.0 }

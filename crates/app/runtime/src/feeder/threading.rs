@@ -62,7 +62,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let (pass, run_in_mm) = match chain.pass_on(rpm, self.setup) {
             Ok(pass) => pass,
             Err(refusal) => {
-                let diagnostic = at_origin(first, program, |file, line| refusal.told(file, line));
+                let diagnostic = at_origin(first, program, |file, line| refusal.diagnostic(file, line));
                 return Err(ThreadTrouble::Program(self.wrong(diagnostic)));
             }
         };
@@ -78,7 +78,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             ));
         }
         let result = self.drive_thread(chain, pass, run_in_mm, line)?;
-        self.planner.set_position(&result.stands_at);
+        self.planner.set_position(&result.stop_position);
         if let Some((message, help)) = complaint(&result, rpm) {
             return Err(ThreadTrouble::Program(
                 self.refused(first, program, message, help),

@@ -101,7 +101,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             };
             if let Some(objection) = objection(&order, self.setup) {
                 return Err(self.wrong(at_origin(command, program, |file, line| {
-                    objection.told(file, line)
+                    objection.diagnostic(file, line)
                 })));
             }
             let Ok(result) = self.probe(order, line) else {
@@ -113,7 +113,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 })));
             }
             let tripped = result.verdict == ProbeVerdict::Contact;
-            commands.answer_probe(&result.position, &result.stands_at, tripped);
+            commands.answer_probe(&result.position, &result.stop_position, tripped);
             if let Some((message, help)) = self.log_probe(commands, tripped) {
                 return Err(self.refused(command, program, message, help));
             }
@@ -293,11 +293,11 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             ProbeResult {
                 verdict: ProbeVerdict::Imagined,
                 position: end,
-                stands_at: end,
+                stop_position: end,
             }
         };
-        self.planner.set_position(&result.stands_at);
-        let place = |position: &Axes| {
+        self.planner.set_position(&result.stop_position);
+        let coordinates = |position: &Axes| {
             let present = self.setup.machine.limits().present;
             let words = AxisLetter::ALL.iter().filter(|axis| present[axis.index()]);
             let words = words.map(|axis| format!("{}{:.4}", axis.letter(), position[axis.index()]));
@@ -306,7 +306,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let text = match result.verdict {
             ProbeVerdict::Contact => format!(
                 "probe changed at {} (machine coordinates)",
-                place(&result.position)
+                coordinates(&result.position)
             ),
             ProbeVerdict::Imagined => {
                 "warning: time is virtual and no contact is known: the move goes to its end, as if the probe \

@@ -35,7 +35,7 @@ impl Lines {
 
     /// Whether a copy is still in progress.
     pub(super) fn are_coming(&self) -> bool {
-        matches!(&self.source, LinesSource::Text(ProgramText::Copy(copy)) if copy.look().is_none())
+        matches!(&self.source, LinesSource::Text(ProgramText::Copy(copy)) if copy.poll().is_none())
     }
 
     pub(super) fn open(&self) -> Option<BufReader<Box<dyn Read>>> {
@@ -43,7 +43,7 @@ impl Lines {
             LinesSource::Path(path) => Box::new(open_regular(path).ok()?),
             LinesSource::Text(ProgramText::Whole(text)) => Box::new(Cursor::new(Arc::clone(text))),
             LinesSource::Text(ProgramText::Copy(copy)) => {
-                let file = copy.look()?.ok()?;
+                let file = copy.poll()?.ok()?;
                 Box::new(FromStart { file, at: 0 })
             }
         };

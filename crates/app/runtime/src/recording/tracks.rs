@@ -255,7 +255,7 @@ impl Tracks {
         while let Some((name, content)) = self.attachments.front() {
             match content {
                 Content::Text(text) => recorder.attach_text(name, time_ns, text)?,
-                Content::File(copy) => match copy.look() {
+                Content::File(copy) => match copy.poll() {
                     // The copy is still in progress and is not awaited.
                     None => return Ok(()),
                     Some(Ok(file)) => recorder.attach_program(name, time_ns, &copy.path, &file)?,
@@ -277,7 +277,7 @@ impl Tracks {
             Content::Text(_) => None,
         });
         for copy in attached {
-            while copy.look().is_none() {
+            while copy.poll().is_none() {
                 std::thread::sleep(POLL_INTERVAL);
             }
         }

@@ -93,11 +93,11 @@ pub(super) struct Equipment<D> {
     pub(super) drives: D,
     pub(super) watch: WatchSettings,
     /// Initial position of the axes.
-    pub(super) place: Axes,
+    pub(super) position: Axes,
     pub(super) has_signals: bool,
     /// The control thread receives the feedback too. Feedback carries real time, so the control thread then
     /// uses real time as well; otherwise it uses the time of the cycles.
-    pub(super) is_heard_at_desk: bool,
+    pub(super) control_reads_feedback: bool,
 }
 
 /// A machine on its own.
@@ -109,7 +109,7 @@ pub(super) struct Bench<D = BenchDrives> {
     withheld: Option<CycleView>,
     events: Consumer<CycleEvent>,
     answers: Consumer<Feedback>,
-    to_desk: Option<Producer<Feedback>>,
+    to_control: Option<Producer<Feedback>>,
     to_cycle: Producer<Feedback>,
     inputs: Producer<InputImage>,
     pub(super) drives: D,
@@ -146,9 +146,9 @@ impl Bench {
                 ..BenchDrives::default()
             },
             watch: WatchSettings::new(PERIOD_NS, axes),
-            place: setup.machine.limits().home,
+            position: setup.machine.limits().home,
             has_signals: has_chain,
-            is_heard_at_desk: false,
+            control_reads_feedback: false,
         });
         for (code, index) in [
             (CommandCode::EstopReset, 0),
@@ -177,23 +177,23 @@ impl<D: Drives> Bench<D> {
         let Equipment {
             mut drives,
             watch,
-            place,
+            position,
             has_signals,
-            is_heard_at_desk,
+            control_reads_feedback,
         } = equip(&setup);
         let (orders, cycle_orders) = RingBuffer::new(1024);
         let urgent = Arc::<UrgentOrders>::default();
         let (cycle_events, events) = RingBuffer::new(4096);
         let (cycle_views, mut views) = RingBuffer::new(4096);
         let (to_cycle, feedback) = RingBuffer::new(4);
-        let (to_desk, answers) = RingBuffer::new(4);
+        let (to_control, answers) = RingBuffer::new(4);
         let (periphery, _publisher) = mpsc::channel();
         let (mut inputs, samples) = RingBuffer::new(4);
         inputs.push(chain_input(true)).unwrap();
         let signals = Signals::new(&setup.machine.signals, 2, PERIOD_NS);
         let signals = SignalLoop::new(signals, InputSource::Bus(samples), None, None, true);
         let mut cycle = ServedCycle::new(ServedParts {
-            station: SetpointGenerator::new(limits, PERIOD_NS, place),
+            generator: SetpointGenerator::new(limits, PERIOD_NS, position),
             limits,
             period_ns: PERIOD_NS,
             orders: cycle_orders,
@@ -215,7 +215,7 @@ impl<D: Drives> Bench<D> {
         drives.receive(&first, 0);
         let folder = tempfile::tempdir().unwrap();
         let operator = Operator::new(OperatorConfig {
-            keep: StateStore::open(setup.memory.clone(), folder.path()),
+            store: StateStore::open(setup.memory.clone(), folder.path()),
             setup,
             folder: folder.path().to_owned(),
             orders,
@@ -232,7 +232,7 @@ impl<D: Drives> Bench<D> {
             withheld: None,
             events,
             answers,
-            to_desk: is_heard_at_desk.then_some(to_desk),
+            to_control: control_reads_feedback.then_some(to_control),
             to_cycle,
             inputs,
             drives,
@@ -266,15 +266,15 @@ impl<D: Drives> Bench<D> {
     pub(super) fn reply(&mut self, client: u64, mut request: ControlRequest) -> Option<u32> {
         self.serial += 1;
         (request.client, request.serial) = (client, self.serial);
-        let answer = self.operator.answer(&request, self.desk_ns());
+        let answer = self.operator.answer(&request, self.control_ns());
         answer
             .filter(|answer| answer.verdict != 0)
             .map(|answer| answer.alarm)
     }
 
     /// The time of the control thread.
-    fn desk_ns(&self) -> u64 {
-        if self.to_desk.is_some() {
+    fn control_ns(&self) -> u64 {
+        if self.to_control.is_some() {
             MonotonicClock::now_ns()
         } else {
             self.now * PERIOD_NS
@@ -282,7 +282,7 @@ impl<D: Drives> Bench<D> {
     }
 
     pub(super) fn ticks(&mut self) {
-        let now_ns = self.desk_ns();
+        let now_ns = self.control_ns();
         let (views, events, answers) = (&mut self.views, &mut self.events, &mut self.answers);
         self.operator.tick(now_ns, views, events, answers, |_| {});
     }
@@ -293,8 +293,8 @@ impl<D: Drives> Bench<D> {
                 self.now += 1;
                 let (cycle, drives, to_cycle) = (&mut self.cycle, &mut self.drives, &mut self.to_cycle);
                 let (report, computed) = run_cycle(cycle, drives, to_cycle, self.now, &mut self.counts);
-                if let (Some(desk), Some(report)) = (&mut self.to_desk, report) {
-                    let _full = desk.push(report);
+                if let (Some(control), Some(report)) = (&mut self.to_control, report) {
+                    let _full = control.push(report);
                 }
                 (self.last, self.power) = (computed.setpoint, computed.drive.power);
                 self.last
@@ -304,7 +304,7 @@ impl<D: Drives> Bench<D> {
 
     /// Runs one cycle, which ends while the control thread takes in the views of earlier cycles.
     pub(super) fn ticks_beside_a_cycle(&mut self) {
-        let now_ns = self.desk_ns();
+        let now_ns = self.control_ns();
         let (views, events, answers) = (&mut self.views, &mut self.events, &mut self.answers);
         let (cycle, drives, to_cycle) = (&mut self.cycle, &mut self.drives, &mut self.to_cycle);
         let (now, counts) = (&mut self.now, &mut self.counts);
@@ -321,23 +321,23 @@ impl<D: Drives> Bench<D> {
 
     /// Runs the control thread after the last cycle has reported its events and before its view arrives.
     pub(super) fn ticks_before_the_last_view(&mut self) {
-        let (mut to_desk, mut views) = RingBuffer::new(64);
+        let (mut to_control, mut views) = RingBuffer::new(64);
         let withheld = self.withheld.take();
         for view in withheld
             .into_iter()
             .chain(std::iter::from_fn(|| self.views.pop().ok()))
         {
             if let Some(before) = self.withheld.replace(view) {
-                to_desk.push(before).expect("room for views");
+                to_control.push(before).expect("room for views");
             }
         }
-        let now_ns = self.desk_ns();
+        let now_ns = self.control_ns();
         let (events, answers) = (&mut self.events, &mut self.answers);
         self.operator.tick(now_ns, &mut views, events, answers, |_| {});
     }
 
     /// Runs cycles, with one pass of the control thread after each.
-    pub(super) fn runs_seen(&mut self, cycles: u64) {
+    pub(super) fn runs_and_ticks(&mut self, cycles: u64) {
         for _ in 0..cycles {
             self.runs(1);
             self.ticks();

@@ -28,8 +28,8 @@ impl Calls {
         self.arrived.len()
     }
 
-    /// Answers the requests received: first all of clients that stop the machine, then up to `most` others.
-    pub(super) fn answer_arrived(&mut self, operator: &mut Operator, now_ns: u64, most: usize) {
+    /// Answers the requests received: first all of clients that stop the machine, then up to `max_answers` others.
+    pub(super) fn answer_arrived(&mut self, operator: &mut Operator, now_ns: u64, max_answers: usize) {
         while let Some(client) = (self.arrived.iter())
             .find(|call| Operator::stops_machine(call.request()))
             .map(|call| call.request().client)
@@ -41,7 +41,7 @@ impl Calls {
                 self.take(call, operator, now_ns);
             }
         }
-        for _ in 0..most {
+        for _ in 0..max_answers {
             let Some(call) = self.arrived.pop_front() else {
                 break;
             };

@@ -10,7 +10,7 @@ use std::thread;
 use evolvent_control::{Alarm, Rejection};
 use evolvent_path::AxisMask;
 
-use super::files::Look;
+use super::files::FileVersion;
 use super::programs::sentence;
 use crate::check::check_while;
 use crate::check_bounds::{CheckBounds, Unchecked};
@@ -43,60 +43,60 @@ pub(super) type CheckVerdict = Result<Coverage, Rejection>;
 /// A check in progress, or its result.
 #[derive(Debug)]
 pub(super) struct Checking {
-    look: Look,
+    version: FileVersion,
     /// Offsets and tools when the check began.
     memory: ProgramMemory,
     /// Axes that were not homed when the check began; their positions were not checked.
     unhomed: AxisMask,
     verdict: Option<CheckVerdict>,
     /// Whether [`Checking::finding`] has returned the verdict.
-    is_told: bool,
+    is_reported: bool,
     result: Receiver<CheckVerdict>,
     superseded: Arc<AtomicBool>,
 }
 
 impl Checking {
     /// Starts to check a program on a separate thread.
-    pub(super) fn begin(look: Look, setup: &Setup) -> Result<Self, Rejection> {
+    pub(super) fn begin(version: FileVersion, setup: &Setup) -> Result<Self, Rejection> {
         let (sender, result) = mpsc::channel();
         let superseded = Arc::new(AtomicBool::new(false));
-        let (told, file, of_thread) = (Arc::clone(&superseded), look.file.clone(), setup.clone());
+        let (is_superseded, file, of_thread) = (Arc::clone(&superseded), version.file.clone(), setup.clone());
         let spawned = thread::Builder::new().name("checker".into()).spawn(move || {
             take_turns();
             let verdict = judge(&file, &of_thread, 0, CheckBounds::whole(1), || {
-                !told.load(Ordering::Relaxed)
+                !is_superseded.load(Ordering::Relaxed)
             });
             let _gone = sender.send(verdict);
         });
         spawned
             .map_err(|error| Rejection::new(Alarm::Planner, format!("no thread to check with: {error}")))?;
         Ok(Self {
-            look,
+            version,
             memory: setup.memory.clone(),
             unhomed: setup.unhomed,
             verdict: None,
-            is_told: false,
+            is_reported: false,
             result,
             superseded,
         })
     }
 
     /// Whether the check is about the current file, offsets, tools and homed axes.
-    pub(super) fn is_about(&self, look: &Look, setup: &Setup) -> bool {
-        *look == self.look && self.memory == setup.memory && self.unhomed == setup.unhomed
+    pub(super) fn is_about(&self, version: &FileVersion, setup: &Setup) -> bool {
+        *version == self.version && self.memory == setup.memory && self.unhomed == setup.unhomed
     }
 
     /// What is wrong with the program, or which part could not be checked. Returned once;
     /// [`Checking::verdict`] is independent of it.
     pub(super) fn finding(&mut self) -> Option<Finding> {
-        if self.is_told {
+        if self.is_reported {
             return None;
         }
         let finding = match self.verdict()? {
             Ok(coverage) => coverage.caution().map(Finding::Caution),
             Err(refusal) => Some(Finding::Objection(refusal.text.clone())),
         };
-        self.is_told = true;
+        self.is_reported = true;
         finding
     }
 
@@ -166,17 +166,17 @@ mod tests {
     /// A check without a file, whose verdict is what the sender sends.
     fn checking() -> (mpsc::Sender<CheckVerdict>, Checking) {
         let (sender, result) = mpsc::channel();
-        let look = Look {
+        let version = FileVersion {
             file: "long.ngc".into(),
             bytes: 1_000_000,
             changed: None,
         };
         let checking = Checking {
-            look,
+            version,
             memory: ProgramMemory::default(),
             unhomed: AxisMask::NONE,
             verdict: None,
-            is_told: false,
+            is_reported: false,
             result,
             superseded: Arc::default(),
         };
@@ -193,8 +193,8 @@ mod tests {
             if start_comes_first {
                 assert_eq!(checking.verdict(), Some(&Err(refusal.clone())));
             }
-            let told = Finding::Objection(refusal.text.clone());
-            assert_eq!(checking.finding(), Some(told));
+            let finding = Finding::Objection(refusal.text.clone());
+            assert_eq!(checking.finding(), Some(finding));
             assert_eq!(checking.finding(), None, "once");
             assert_eq!(checking.verdict(), Some(&Err(refusal)), "each start hears it");
         }
@@ -211,7 +211,7 @@ mod tests {
         assert_eq!(good.caution(), None);
         let (sender, mut died) = checking();
         drop(sender);
-        let told = died.finding();
-        assert!(matches!(told, Some(Finding::Objection(text)) if text.contains("ended unexpectedly")));
+        let finding = died.finding();
+        assert!(matches!(finding, Some(Finding::Objection(text)) if text.contains("ended unexpectedly")));
     }
 }

@@ -27,26 +27,28 @@ impl Operator {
             values: request.values,
             text: request.text(),
         };
-        let facts = self.facts();
-        let considered = self.desk.authorize(request.client, request.serial, &raw, &facts);
+        let operator_inputs = self.operator_inputs();
+        let considered = self
+            .state
+            .authorize(request.client, request.serial, &raw, &operator_inputs);
         let carried_out = match considered {
             Err(refused) => Err(refused),
             Ok(command) if self.book.is_crowded() && !is_always_carried_out(&command) => {
                 let text = "more commands arrived than the cycle could execute, so this one has no effect; \
                             find the client that sends too many";
-                Err(self.desk.refuse(Rejection::new(Alarm::OrdersLost, text)))
+                Err(self.state.refuse(Rejection::new(Alarm::OrdersLost, text)))
             }
             Ok(command) => match self.begin_reading(request, &command) {
                 Some(Ok(reading)) => {
                     self.files.reading = Some(reading);
                     return None;
                 }
-                Some(Err(refusal)) => Err(self.desk.refuse(refusal)),
+                Some(Err(refusal)) => Err(self.state.refuse(refusal)),
                 None => self
                     .carry_out(&command, request.client, now_ns)
                     .and_then(|job| self.unless_lost(&command, job))
-                    .map_err(|refusal| self.desk.refuse(refusal))
-                    .inspect(|_| self.desk.commit(&command, now_ns, true)),
+                    .map_err(|refusal| self.state.refuse(refusal))
+                    .inspect(|_| self.state.commit(&command, now_ns, true)),
             },
         };
         Some(self.composed(request, carried_out))
@@ -61,7 +63,7 @@ impl Operator {
         Ok(job)
     }
 
-    pub(super) fn facts(&self) -> OperatorInputs {
+    pub(super) fn operator_inputs(&self) -> OperatorInputs {
         OperatorInputs {
             present: self.present,
             is_held: self.is_held(),

@@ -53,12 +53,12 @@ pub(super) struct ControlLoop {
     calls: Calls,
     pub pulse: Pulse,
     /// Whether the user was notified of discarded messages about inputs, and about spindles.
-    refused_told: [bool; 2],
+    refusal_reported: [bool; 2],
     /// Whether the user was notified of the damaged connection of a client.
-    is_damage_told: bool,
+    damage_reported: bool,
     next_sign: Instant,
     /// The setpoint at the last watchdog message.
-    seen: u64,
+    last_sequence: u64,
 }
 
 impl ControlLoop {
@@ -80,10 +80,10 @@ impl ControlLoop {
             published: (PublishReport::default(), 0),
             calls: Calls::default(),
             pulse: Pulse::default(),
-            refused_told: [false; 2],
-            is_damage_told: false,
+            refusal_reported: [false; 2],
+            damage_reported: false,
             next_sign: Instant::now(),
-            seen: 0,
+            last_sequence: 0,
         }
     }
 
@@ -110,7 +110,7 @@ impl ControlLoop {
                 tell(ServeNews::Note(&caution));
             }
             if let Some(trace) = &mut self.trace {
-                trace.look(&mut self.operator);
+                trace.poll(&mut self.operator);
             }
             if stop.load(Ordering::Relaxed) && ending.is_none() {
                 ending = Some(Instant::now());
@@ -120,7 +120,7 @@ impl ControlLoop {
             let is_over = is_cycle_over();
             if is_over {
                 // Events that the last cycles reported after the previous pass.
-                self.look(now_ns);
+                self.poll(now_ns);
             }
             self.status
                 .write(&self.operator, &self.pulse, &self.published, now_ns, is_over);
@@ -133,7 +133,7 @@ impl ControlLoop {
     }
 
     /// Takes in the reports of the cycle.
-    fn look(&mut self, now_ns: u64) {
+    fn poll(&mut self, now_ns: u64) {
         let queues = &mut self.queues;
         let (pulse, period_ns) = (&mut self.pulse, self.operator.setup.period_ns);
         self.operator.tick(
@@ -147,7 +147,7 @@ impl ControlLoop {
 
     /// Answers requests. Commands are checked against the state after the newest cycle.
     fn answer(&mut self, now_ns: u64, tell: &mut impl FnMut(ServeNews<'_>)) {
-        self.look(now_ns);
+        self.poll(now_ns);
         // Receives all waiting requests before it answers any: otherwise clients that send the next request
         // upon each answer would keep others waiting.
         while self.calls.arrived() < MAX_ARRIVED {
@@ -157,7 +157,7 @@ impl ControlLoop {
                 Err(error) => {
                     // Notified once: repeated notes that nobody reads would fill their pipe and block this
                     // thread.
-                    if !std::mem::replace(&mut self.is_damage_told, true) {
+                    if !std::mem::replace(&mut self.damage_reported, true) {
                         tell(ServeNews::Note(&error.to_string()));
                     }
                     break;
@@ -176,11 +176,11 @@ impl ControlLoop {
             inputs.map(|(_, fault)| ("inputs", fault.to_string())),
             spindles.map(|(_, fault)| ("spindles", fault.to_string())),
         ];
-        for (told, fault) in self.refused_told.iter_mut().zip(faults) {
-            let Some((what, fault)) = fault.filter(|_| !*told) else {
+        for (is_reported, fault) in self.refusal_reported.iter_mut().zip(faults) {
+            let Some((what, fault)) = fault.filter(|_| !*is_reported) else {
                 continue;
             };
-            *told = true;
+            *is_reported = true;
             let text = format!(
                 "messages of {what} are discarded, because {fault}: their content is unknown; check the \
                  bridge that sends them"
@@ -195,9 +195,9 @@ impl ControlLoop {
         let sequence = self.operator.view.setpoint.sequence;
         if let Some(every) = self.manager.watchdog
             && Instant::now() >= self.next_sign
-            && sequence != self.seen
+            && sequence != self.last_sequence
         {
-            self.seen = sequence;
+            self.last_sequence = sequence;
             self.next_sign = Instant::now() + every;
             self.manager.tell("WATCHDOG=1");
         }

@@ -14,7 +14,7 @@ impl Operator {
             CycleEvent::EstopChain { sequence } => {
                 let alarm = Alarm::EmergencyStopChain;
                 self.raise(sequence, alarm, alarm.sentence().to_owned());
-                self.desk.fall_into_estop();
+                self.state.fall_into_estop();
                 self.break_off(JobResult::Fault);
             }
             CycleEvent::Returned(work) => drop(work),
@@ -43,7 +43,7 @@ impl Operator {
                     return;
                 }
                 // If something forbids the job, it has its own alarm.
-                if cause == NotBegun::Elsewhere && !self.desk.has_latched_alarm() {
+                if cause == NotBegun::Elsewhere && !self.state.has_latched_alarm() {
                     self.raise(sequence, Alarm::Handover, Alarm::Handover.sentence().to_owned());
                 }
                 match &mut self.job {
@@ -89,7 +89,7 @@ impl Operator {
         }
         let alarm = Alarm::OrdersLost;
         self.raise(self.view.setpoint.sequence, alarm, alarm.sentence().to_owned());
-        self.desk.fall_into_estop();
+        self.state.fall_into_estop();
         for order in lost {
             match order.what {
                 CycleCommand::Steer(steering) if matches!(self.job, Job::Program(_)) => {
@@ -115,7 +115,7 @@ impl Operator {
 
     /// The drives have lost power, or lose it at rest: the machine state becomes off.
     pub(super) fn lose_power(&mut self) {
-        self.desk.drop_power();
+        self.state.drop_power();
         self.switch_off_at_rest();
         self.give_up_waiting(JobResult::Fault);
         self.cancel_homing(JobResult::Fault);

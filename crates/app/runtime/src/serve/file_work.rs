@@ -17,7 +17,7 @@ pub(super) struct FileWork {
     /// Parts of programs that could not be checked, for the log.
     pub(super) cautions: Vec<String>,
     /// The approach to a line in the middle of the program, while it is being computed.
-    pub(super) way: Option<Receiver<String>>,
+    pub(super) approach: Option<Receiver<String>>,
     /// Records of the tool in the spindle that are being written.
     pub(super) tool_savings: Vec<Receiver<Saved>>,
 }

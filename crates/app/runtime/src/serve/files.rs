@@ -35,7 +35,7 @@ const MAX_HUNG: usize = 8;
 
 /// Metadata of a program file. Different metadata means a different program.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Look {
+pub(super) struct FileVersion {
     pub(super) file: PathBuf,
     pub(super) bytes: u64,
     pub(super) changed: Option<SystemTime>,
@@ -44,7 +44,7 @@ pub(super) struct Look {
 /// A program file as read by the reading thread.
 #[derive(Debug)]
 pub(super) struct ProgramFile {
-    pub(super) look: Look,
+    pub(super) version: FileVersion,
     /// The text of a short program, for the trace.
     pub(super) text: Option<Vec<u8>>,
     /// The verdict on a short program. A program that is long or has a long loop is checked while no client
@@ -61,21 +61,21 @@ impl ProgramFile {
             let text = format!("{}: {error}; name a readable part program", file.display());
             Rejection::new(Alarm::File, text)
         };
-        let facts = open_regular(file)
+        let metadata = open_regular(file)
             .and_then(|opened| opened.metadata())
             .map_err(wrong)?;
-        let look = Look {
+        let version = FileVersion {
             file: file.to_path_buf(),
-            bytes: facts.len(),
-            changed: facts.modified().ok(),
+            bytes: metadata.len(),
+            changed: metadata.modified().ok(),
         };
-        let text = if look.bytes <= whole_bytes {
+        let text = if version.bytes <= whole_bytes {
             Some(read_regular(file, whole_bytes).map_err(wrong)?)
         } else {
             None
         };
         Ok(Self {
-            look,
+            version,
             text,
             verdict: None,
             notes: Vec::new(),
@@ -85,7 +85,7 @@ impl ProgramFile {
     /// Checks a short program. It has no verdict if the bounds end the check before the end of the program.
     fn judged(mut self, setup: &Setup, lines_before: u32, bounds: CheckBounds) -> Self {
         if self.text.is_some() {
-            let verdict = judge(&self.look.file, setup, lines_before, bounds, || true);
+            let verdict = judge(&self.version.file, setup, lines_before, bounds, || true);
             self.verdict = (!matches!(verdict, Ok(Coverage::Part(_)))).then_some(verdict);
         }
         self

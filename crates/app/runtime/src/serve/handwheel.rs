@@ -5,7 +5,7 @@ use evolvent_machine::HandwheelSettings;
 use evolvent_path::{Axes, AxisLetter, AxisMask};
 use evolvent_transfer::AxesState;
 
-use super::jog::{FOR_EVER, JogWay, limits_here};
+use super::jog::{FOR_EVER, JogPlan, limits_here};
 use super::jog_intent::JogIntent;
 use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
@@ -18,7 +18,7 @@ const FOLLOW_S: f64 = 0.08;
 const SAME: f64 = 1e-9;
 
 /// The operator's state of the handwheel.
-pub(crate) struct HandwheelDesk {
+pub(crate) struct HandwheelState {
     settings: HandwheelSettings,
     wheel: Handwheel,
     /// Axis and step as chosen by command, for a wheel without selector inputs.
@@ -28,7 +28,7 @@ pub(crate) struct HandwheelDesk {
     goal: Option<Axes>,
 }
 
-impl HandwheelDesk {
+impl HandwheelState {
     /// The wheel of a machine, at rest.
     pub(crate) fn new(settings: &HandwheelSettings) -> Self {
         Self {
@@ -98,30 +98,32 @@ impl Operator {
         axis: Option<usize>,
         step: Option<f64>,
     ) -> Result<(), Rejection> {
-        let Some(desk) = &mut self.handwheel else {
+        let Some(handwheel) = &mut self.handwheel else {
             return Err(Rejection::by_rule(
                 evolvent_control::Alarm::NoHandwheel,
                 CommandCode::Handwheel,
             ));
         };
-        let switches = (axis.is_some() && !desk.settings.axis_inputs.is_empty())
-            || (step.is_some() && !desk.settings.step_inputs.is_empty());
+        let switches = (axis.is_some() && !handwheel.settings.axis_inputs.is_empty())
+            || (step.is_some() && !handwheel.settings.step_inputs.is_empty());
         if switches {
             return Err(Rejection::new(
                 evolvent_control::Alarm::NoHandwheel,
                 "the handwheel has its own switches for this: turn them",
             ));
         }
-        (desk.axis, desk.step) = (axis, step);
-        desk.goal = None;
+        (handwheel.axis, handwheel.step) = (axis, step);
+        handwheel.goal = None;
         Ok(())
     }
 
     /// Reads the wheel and moves the axis accordingly.
     pub(super) fn follow_handwheel(&mut self) {
-        let Some(desk) = &mut self.handwheel else { return };
-        let reading = desk.reading(&self.view.handwheel);
-        let turned = desk.wheel.turn(&reading);
+        let Some(handwheel) = &mut self.handwheel else {
+            return;
+        };
+        let reading = handwheel.reading(&self.view.handwheel);
+        let turned = handwheel.wheel.turn(&reading);
         let is_released = !reading.is_enabled;
         let is_driving = matches!(
             &self.job,
@@ -131,22 +133,24 @@ impl Operator {
             }
         );
         let may = (is_driving || self.is_idle()) && self.permits_jog() && !self.view.handwheel.is_silent();
-        let Some(desk) = &mut self.handwheel else { return };
+        let Some(handwheel) = &mut self.handwheel else {
+            return;
+        };
         if !may || is_released {
-            let is_under_way = desk.goal.take().is_some();
+            let is_under_way = handwheel.goal.take().is_some();
             if is_driving && is_under_way {
                 self.stop_handwheel();
             }
             return;
         }
-        if let Some((axis, way)) = turned {
+        if let Some((axis, distance)) = turned {
             let here = self.view.setpoint.position;
-            let limits = limits_here(&self.limits, &here, self.desk.homed());
-            let goal = desk.goal.get_or_insert(here);
+            let limits = limits_here(&self.limits, &here, self.state.homed());
+            let goal = handwheel.goal.get_or_insert(here);
             // Distance turned beyond the travel is discarded, so turning back has an immediate effect.
-            goal[axis] = (goal[axis] + way).clamp(limits.travel_min[axis], limits.travel_max[axis]);
+            goal[axis] = (goal[axis] + distance).clamp(limits.travel_min[axis], limits.travel_max[axis]);
         }
-        if let Some(goal) = desk.goal
+        if let Some(goal) = handwheel.goal
             && let Err(refusal) = self.drive_to(&goal, reading.step)
         {
             self.message
@@ -156,7 +160,11 @@ impl Operator {
     }
 
     fn permits_jog(&self) -> bool {
-        self.files.reading.is_none() && self.desk.permit(CommandCode::Jog, &self.facts()).is_ok()
+        self.files.reading.is_none()
+            && self
+                .state
+                .permit(CommandCode::Jog, &self.operator_inputs())
+                .is_ok()
     }
 
     /// Stops the axis: the enabling button was released, or the wheel stopped sending.
@@ -171,15 +179,15 @@ impl Operator {
 
     /// Discards what was turned.
     pub(super) fn rest_handwheel(&mut self) {
-        if let Some(desk) = &mut self.handwheel {
-            desk.rest();
+        if let Some(handwheel) = &mut self.handwheel {
+            handwheel.rest();
         }
     }
 
     /// Moves the axes to the goal, unless they are on the way to it.
     fn drive_to(&mut self, goal: &Axes, step: f64) -> Result<(), Rejection> {
         let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let limits = limits_here(&self.limits, &here, self.state.homed());
         let after = self.turn_behind();
         let from = match &self.job {
             Job::None => {
@@ -208,9 +216,9 @@ impl Operator {
             .axes()
             .map(|axis| (goal[axis] - from.position[axis]).abs())
             .fold(step, f64::max);
-        let way = JogWay {
+        let jog = JogPlan {
             // At most the speed of the axis: the rest of the distance takes longer and is not lost.
-            speed: JogWay::speeds(&limits, axes, farthest / FOLLOW_S),
+            speed: JogPlan::speeds(&limits, axes, farthest / FOLLOW_S),
             slows_down_first: false,
             limits,
             from,
@@ -218,9 +226,9 @@ impl Operator {
             until_ns: FOR_EVER,
         };
         if matches!(self.job, Job::None) {
-            self.begin_jog(&way, JogIntent::none(), true)?;
+            self.begin_jog(&jog, JogIntent::none(), true)?;
         } else {
-            self.turn_jog(&way, after, false)?;
+            self.turn_jog(&jog, after, false)?;
         }
         Ok(())
     }

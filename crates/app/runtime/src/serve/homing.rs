@@ -12,7 +12,7 @@ use evolvent_path::{Axes, AxisLetter, AxisMask, TURN_DEG};
 use evolvent_transfer::AxesState;
 
 use super::drive_view::Renaming;
-use super::jog::{FOR_EVER, JogWay, limits_here};
+use super::jog::{FOR_EVER, JogPlan, limits_here};
 use super::jog_intent::JogIntent;
 use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
@@ -52,13 +52,13 @@ impl Operator {
         }
         // Axes that are homed again are unhomed until the sequence is complete.
         let unknown = axes.iter().map(|axis| axis.axis.index()).collect::<AxisMask>();
-        self.desk.set_homed(self.desk.homed().without(unknown));
+        self.state.set_homed(self.state.homed().without(unknown));
         self.drives.zeroed = AxisMask::NONE;
         self.relocate(self.view.setpoint.position, false);
         self.declare_zero(wanted);
-        let number = self.desk.job_begins(Activity::Homing);
+        let number = self.state.job_begins(Activity::Homing);
         if axes.is_empty() && self.drives.zeroed.is_empty() {
-            self.desk.job_ends(JobResult::Done);
+            self.state.job_ends(JobResult::Done);
         } else {
             let requests = u32::try_from(axes.len()).unwrap_or(u32::MAX);
             let first_request = self.drives.next_index;
@@ -115,7 +115,7 @@ impl Operator {
     /// Sets machine zero of those axes without `[[homing]]` that are not homed: the operator has moved them
     /// to their home position and declares it. Homed axes keep their coordinates.
     fn declare_zero(&mut self, wanted: AxisMask) {
-        let declared = (self.without_homing() & wanted).without(self.desk.homed());
+        let declared = (self.without_homing() & wanted).without(self.state.homed());
         if declared.is_empty() {
             return;
         }
@@ -135,9 +135,9 @@ impl Operator {
         self.view.setpoint.position = renamed;
         if self.view.presence == Presence::Absent {
             // Without feedback there are no drives whose coordinates have to follow.
-            self.desk.set_homed(self.desk.homed() | declared);
+            self.state.set_homed(self.state.homed() | declared);
         }
-        self.rename(renamed, declared.without(self.desk.homed()), home_offset);
+        self.rename(renamed, declared.without(self.state.homed()), home_offset);
     }
 
     /// Renames the position of the axes to `position`. The axes in `zeroed` are homed once the feedback shows
@@ -163,20 +163,20 @@ impl Operator {
         };
         let zeroed = self.drives.take_zeroed(feedback, tolerance);
         if !zeroed.is_empty() {
-            self.desk.set_homed(self.desk.homed() | zeroed);
+            self.state.set_homed(self.state.homed() | zeroed);
             let here = self.view.setpoint.position;
-            let limits = limits_here(&self.limits, &here, self.desk.homed());
+            let limits = limits_here(&self.limits, &here, self.state.homed());
             self.order(CycleCommand::Within(limits));
         }
     }
 
     /// Handles lost references: the drives' positions of these axes may count from another zero.
     pub(super) fn lose_reference(&mut self, sequence: u64, axes: AxisMask) {
-        let lost = axes & (self.desk.homed() | self.drives.zeroed);
+        let lost = axes & (self.state.homed() | self.drives.zeroed);
         if lost.is_empty() {
             return;
         }
-        self.desk.set_homed(self.desk.homed().without(lost));
+        self.state.set_homed(self.state.homed().without(lost));
         self.drives.zeroed = self.drives.zeroed.without(lost);
         self.cancel_homing(JobResult::Fault);
         if matches!(self.job, Job::None) {
@@ -195,7 +195,7 @@ impl Operator {
         let lost = homing
             .filter(|homing| homing.method == HomingMethod::Absolute)
             .map(|homing| homing.axis.index())
-            .filter(|axis| self.desk.homed().contains(*axis) && !absolute.contains(*axis))
+            .filter(|axis| self.state.homed().contains(*axis) && !absolute.contains(*axis))
             .collect::<AxisMask>();
         if !lost.is_empty() {
             self.lose_reference(self.view.setpoint.sequence, lost);
@@ -205,7 +205,7 @@ impl Operator {
     /// Orders the cycle to take `position` as the axes' position, in the coordinates of the present or of a
     /// new datum.
     pub(super) fn relocate(&mut self, position: Axes, renames: bool) -> u64 {
-        let limits = limits_here(&self.limits, &position, self.desk.homed());
+        let limits = limits_here(&self.limits, &position, self.state.homed());
         self.order(CycleCommand::Relocate {
             position,
             limits,
@@ -252,8 +252,8 @@ impl Operator {
                 self.order(CycleCommand::LatchIndex(IndexRequest { number, axis }));
             }
             HomingAction::TakePosition { axis } => {
-                self.desk
-                    .set_homed(self.desk.homed() | AxisMask::one(axis.index()));
+                self.state
+                    .set_homed(self.state.homed() | AxisMask::one(axis.index()));
                 self.relocate(here, false);
                 let text = format!("axis {}: machine zero is taken from the drive", axis.letter());
                 self.record(ExternalEventKind::Command, CommandCode::Home as u32, text, None);
@@ -296,23 +296,23 @@ impl Operator {
 
     pub(super) fn homing_move(&mut self, axis: AxisLetter, to: f64, speed: f64) {
         let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let limits = limits_here(&self.limits, &here, self.state.homed());
         let i = axis.index();
         let mut target = here;
         target[i] = to.clamp(limits.travel_min[i], limits.travel_max[i]);
-        let way = JogWay {
-            speed: JogWay::speeds(&limits, AxisMask::one(i), speed),
+        let jog = JogPlan {
+            speed: JogPlan::speeds(&limits, AxisMask::one(i), speed),
             slows_down_first: false,
             limits,
             from: AxesState::at_rest(here),
             to: target,
             until_ns: FOR_EVER,
         };
-        match self.steer(&way, JogIntent::none(), None) {
+        match self.steer(&jog, JogIntent::none(), None) {
             Ok(begun) => {
                 self.book
                     .notes
-                    .sends(begun.order, self.desk.job(), way.recorded(false));
+                    .sends(begun.order, self.state.job(), jog.recorded(false));
                 if let Job::Homing { steered, .. } = &mut self.job {
                     *steered = Some(begun);
                 }

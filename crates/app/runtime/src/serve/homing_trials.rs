@@ -28,7 +28,7 @@ const HOMING: &str =
 
 /// What interrupts homing.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Trouble {
+enum Fault {
     EmergencyStop,
     DriveFault,
 }
@@ -147,11 +147,11 @@ impl Bench<Bridge> {
         let mut bench = Self::assemble(HOMING, |setup| Equipment {
             drives: Bridge::new(setup),
             watch: watch_settings(&setup.machine, PERIOD_NS),
-            place: Axes::zeros(),
+            position: Axes::zeros(),
             has_signals: false,
-            is_heard_at_desk: true,
+            control_reads_feedback: true,
         });
-        bench.runs_seen(50);
+        bench.runs_and_ticks(50);
         bench.comes_up();
         bench
     }
@@ -164,7 +164,7 @@ impl Bench<Bridge> {
             CommandCode::Mode,
         ] {
             self.commands(code, u32::from(code == CommandCode::Mode));
-            self.runs_seen(200);
+            self.runs_and_ticks(200);
         }
     }
 
@@ -175,7 +175,7 @@ impl Bench<Bridge> {
     }
 
     fn is_homed(&self) -> bool {
-        self.operator.desk.homed().contains(0)
+        self.operator.state.homed().contains(0)
     }
 
     fn is_busy(&self) -> bool {
@@ -194,20 +194,20 @@ impl Bench<Bridge> {
 fn a_program_loads_with_an_unhomed_axis_off_travel() {
     for added in [HOMING, ""] {
         let mut bench = Bench::assemble(added, |setup| {
-            let (mut place, mut drives) = (Axes::zeros(), Bridge::new(setup));
-            (place[0], drives.motor[0]) = (1000.0, 1000.0);
+            let (mut position, mut drives) = (Axes::zeros(), Bridge::new(setup));
+            (position[0], drives.motor[0]) = (1000.0, 1000.0);
             Equipment {
                 drives,
                 watch: watch_settings(&setup.machine, PERIOD_NS),
-                place,
+                position,
                 has_signals: false,
-                is_heard_at_desk: true,
+                control_reads_feedback: true,
             }
         });
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("part.ngc");
         std::fs::write(&file, "G0 X10\nM2\n").unwrap();
-        bench.runs_seen(50);
+        bench.runs_and_ticks(50);
         bench.comes_up();
         let mut load = bench.command(CommandCode::Load);
         assert!(load.set_text(file.to_str().unwrap()));
@@ -217,7 +217,7 @@ fn a_program_loads_with_an_unhomed_axis_off_travel() {
             if let Some(answer) = bench.operator.finish_reading(bench.now * PERIOD_NS) {
                 break answer;
             }
-            bench.runs_seen(1);
+            bench.runs_and_ticks(1);
             std::thread::sleep(Duration::from_millis(1));
             assert!(begun.elapsed() < Duration::from_secs(30), "no answer");
         };
@@ -228,7 +228,7 @@ fn a_program_loads_with_an_unhomed_axis_off_travel() {
         };
         assert_eq!(answer.alarm, loads, "{}", answer.text());
         bench.commands(CommandCode::Mode, 0);
-        bench.runs_seen(10);
+        bench.runs_and_ticks(10);
         let start = bench.command(CommandCode::Start);
         assert_eq!(bench.reply(1, start), Some(starts.number()), "{added}");
     }
@@ -240,7 +240,7 @@ fn homes(bench: &mut Bench<Bridge>) -> (u64, u64) {
     let begun = bench.now;
     let mut renamed = None;
     while bench.is_busy() {
-        bench.runs_seen(1);
+        bench.runs_and_ticks(1);
         // The speeds of the search and of the approach to the switch.
         if let Some(speed) = bench.operator.steered_speed() {
             assert!(speed == 50.0 || speed == 5.0, "{speed} mm/s");
@@ -260,17 +260,17 @@ fn homes(bench: &mut Bench<Bridge>) -> (u64, u64) {
 fn an_axis_is_homed_once_its_drive_has_the_coordinate() {
     let (renamed, _) = homes(&mut Bench::homed_by_switch());
     let (mut kept, mut lost) = (0, 0);
-    for trouble in [Trouble::EmergencyStop, Trouble::DriveFault] {
+    for trouble in [Fault::EmergencyStop, Fault::DriveFault] {
         for moment in renamed - 6..renamed + 8 {
             let mut bench = Bench::homed_by_switch();
             bench.commands(CommandCode::Home, 0);
-            bench.runs_seen(moment);
+            bench.runs_and_ticks(moment);
             match trouble {
-                Trouble::EmergencyStop => bench.commands(CommandCode::Estop, 0),
-                Trouble::DriveFault => bench.drives.has_fault = true,
+                Fault::EmergencyStop => bench.commands(CommandCode::Estop, 0),
+                Fault::DriveFault => bench.drives.has_fault = true,
             }
             for _ in 0..400 {
-                bench.runs_seen(1);
+                bench.runs_and_ticks(1);
                 if bench.is_homed() {
                     assert!(bench.error() < NEAR, "{trouble:?} {moment}: {}", bench.error());
                 }
@@ -278,12 +278,12 @@ fn an_axis_is_homed_once_its_drive_has_the_coordinate() {
             *(if bench.is_homed() { &mut kept } else { &mut lost }) += 1;
             assert!(!bench.is_busy(), "{trouble:?} {moment}");
             bench.drives.has_fault = false;
-            if trouble == Trouble::EmergencyStop {
+            if trouble == Fault::EmergencyStop {
                 bench.comes_up();
             } else {
                 for code in [CommandCode::ClearAlarms, CommandCode::On, CommandCode::Mode] {
                     bench.commands(code, u32::from(code == CommandCode::Mode));
-                    bench.runs_seen(200);
+                    bench.runs_and_ticks(200);
                 }
             }
             homes(&mut bench);
@@ -300,23 +300,23 @@ fn homing_ended_by_a_drive_fault_always_has_an_alarm() {
     let mut ended = 0;
     for moment in [1, 20, 100] {
         bench.commands(CommandCode::Home, 0);
-        bench.runs_seen(moment);
+        bench.runs_and_ticks(moment);
         bench.runs(1);
         bench.drives.has_fault = true;
         for _ in 0..400 {
             bench.ticks_beside_a_cycle();
-            let desk = &bench.operator.desk;
-            if desk.machine() != MachineState::On || !bench.is_busy() {
-                assert!(desk.has_latched_alarm(), "{moment}");
+            let state = &bench.operator.state;
+            if state.machine() != MachineState::On || !bench.is_busy() {
+                assert!(state.has_latched_alarm(), "{moment}");
                 ended += 1;
             }
             bench.runs(1);
         }
-        assert_eq!(bench.operator.desk.result(), JobResult::Fault, "{moment}");
+        assert_eq!(bench.operator.state.result(), JobResult::Fault, "{moment}");
         bench.drives.has_fault = false;
         for code in [CommandCode::ClearAlarms, CommandCode::On, CommandCode::Mode] {
             bench.commands(code, u32::from(code == CommandCode::Mode));
-            bench.runs_seen(200);
+            bench.runs_and_ticks(200);
         }
     }
     assert!(ended > 3, "no fault came: {ended}");
@@ -334,7 +334,7 @@ fn an_axis_is_homed_if_its_event_precedes_its_view() {
             break;
         }
     }
-    assert!(bench.is_homed(), "{:?}", bench.operator.desk.result());
+    assert!(bench.is_homed(), "{:?}", bench.operator.state.result());
     assert!(bench.error() < NEAR, "{}", bench.error());
 }
 
@@ -345,7 +345,7 @@ fn a_bridge_that_ignores_the_datum_homes_no_axis() {
     bench.commands(CommandCode::Home, 0);
     let mut was_renamed = false;
     for _ in 0..20_000 {
-        bench.runs_seen(1);
+        bench.runs_and_ticks(1);
         was_renamed |= bench.operator.view.datum > 0;
         assert!(!bench.is_homed());
     }
@@ -358,7 +358,7 @@ fn coordinates_that_the_cycle_rejects_are_dropped() {
     let mut bench = Bench::homed_by_switch();
     bench.commands(CommandCode::Home, 0);
     while bench.operator.view.setpoint.velocity[0] == 0.0 {
-        bench.runs_seen(1);
+        bench.runs_and_ticks(1);
     }
     let here = bench.operator.view.setpoint.position + Axes::from_element(15.0);
     bench
@@ -366,7 +366,7 @@ fn coordinates_that_the_cycle_rejects_are_dropped() {
         .rename(here, AxisMask::one(0), Axes::from_element(-15.0));
     let begun = bench.now;
     while bench.is_busy() {
-        bench.runs_seen(1);
+        bench.runs_and_ticks(1);
         assert!(bench.now < begun + 10_000, "homing goes on, or does not end");
     }
     assert!(bench.operator.message.text().contains("not at rest"), "no reason");
@@ -384,7 +384,7 @@ fn coordinates_that_the_cycle_rejects_are_dropped() {
 fn coordinates_that_do_not_fit_the_queue_are_dropped() {
     let mut bench = Bench::homed_by_switch();
     bench.commands(CommandCode::Home, 0);
-    bench.runs_seen(100);
+    bench.runs_and_ticks(100);
     assert!(bench.is_busy());
     // Fills the queue.
     while !bench.operator.book.is_full() {
@@ -394,8 +394,8 @@ fn coordinates_that_do_not_fit_the_queue_are_dropped() {
     bench
         .operator
         .rename(here, AxisMask::one(0), Axes::from_element(-15.0));
-    bench.runs_seen(400);
-    assert_eq!(bench.operator.desk.machine(), MachineState::Estop);
+    bench.runs_and_ticks(400);
+    assert_eq!(bench.operator.state.machine(), MachineState::Estop);
     let drives = &bench.operator.drives;
     assert_eq!(
         (bench.operator.view.datum, drives.datum, drives.home_offset),

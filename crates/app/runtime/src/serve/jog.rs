@@ -52,7 +52,7 @@ fn slowed(limits: &Limits, from: &AxesState, speed: &Axes) -> Limits {
 }
 
 /// A jog: start, target and speeds.
-pub(super) struct JogWay {
+pub(super) struct JogPlan {
     pub(super) limits: Limits,
     pub(super) from: AxesState,
     pub(super) to: Axes,
@@ -65,7 +65,7 @@ pub(super) struct JogWay {
     pub(super) until_ns: u64,
 }
 
-impl JogWay {
+impl JogPlan {
     /// `speed` for the axes of the mask; the other axes, which do not move, keep their maximum.
     pub(super) fn speeds(limits: &Limits, axes: AxisMask, speed: f64) -> Axes {
         Axes::from_fn(|i, _| {
@@ -197,28 +197,28 @@ impl Operator {
             if let Job::Jog { by_handwheel, .. } = &mut self.job {
                 *by_handwheel = false;
             }
-            return Ok(self.desk.job());
+            return Ok(self.state.job());
         }
-        let (way, intent) = self.way_from_rest(jog, held)?;
+        let (plan, intent) = self.plan_from_rest(jog, held)?;
         self.rest_handwheel();
-        self.begin_jog(&way, intent, false)
+        self.begin_jog(&plan, intent, false)
     }
 
     /// A jog that begins at rest here.
     ///
     /// # Errors
     /// An increment would leave the travel.
-    pub(super) fn way_from_rest(
+    pub(super) fn plan_from_rest(
         &self,
         jog: &JogCommand,
         held: Option<JogEnable>,
-    ) -> Result<(JogWay, JogIntent), Rejection> {
+    ) -> Result<(JogPlan, JogIntent), Rejection> {
         let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let limits = limits_here(&self.limits, &here, self.state.homed());
         let mut intent = JogIntent::none().taken_over_by(jog, held, &limits);
-        let way = intent.way(&limits, AxesState::at_rest(here), until(held))?;
-        intent.goes_to(&way.to);
-        Ok((way, intent))
+        let plan = intent.plan(&limits, AxesState::at_rest(here), until(held))?;
+        intent.goes_to(&plan.to);
+        Ok((plan, intent))
     }
 
     /// Replaces the jog in progress.
@@ -227,7 +227,7 @@ impl Operator {
     /// An increment would leave the travel, or the motion is stopping.
     pub(super) fn take_over(&mut self, jog: &JogCommand, held: Option<JogEnable>) -> Result<(), Rejection> {
         let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let limits = limits_here(&self.limits, &here, self.state.homed());
         let (after, period_ns) = (self.turn_behind(), self.setup.period_ns);
         let is_braking = self.view.setpoint.state == MotionState::Stopping;
         let Some(steered) = self.steered().filter(|steered| !steered.stopping && !is_braking) else {
@@ -240,7 +240,7 @@ impl Operator {
         let foreseen = steered.foreseen(after, period_ns);
         let from = foreseen.unwrap_or_else(|| AxesState::at_rest(here));
         // A jog that cannot be driven is rejected now, even if it has to wait for the preceding change.
-        intent.way(&limits, from, until(held))?.steering()?;
+        intent.plan(&limits, from, until(held))?.steering()?;
         steered.intent = intent;
         steered.is_pending = true;
         if let Some(turn) = &mut steered.turn {
@@ -256,7 +256,7 @@ impl Operator {
     /// There is no such motion within the limits.
     fn drive_intent(&mut self) -> Result<(), Rejection> {
         let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let limits = limits_here(&self.limits, &here, self.state.homed());
         let (after, period_ns) = (self.turn_behind(), self.setup.period_ns);
         let Some(steered) = self.steered() else {
             return Ok(());
@@ -271,9 +271,9 @@ impl Operator {
         };
         let mut intent = steered.intent.clone();
         let until_ns = until(intent.held().copied());
-        let way = intent.way(&limits, from, until_ns)?;
-        intent.goes_to(&way.to);
-        self.turn_jog(&way, after, true)?;
+        let plan = intent.plan(&limits, from, until_ns)?;
+        intent.goes_to(&plan.to);
+        self.turn_jog(&plan, after, true)?;
         if let Some(steered) = self.steered() {
             steered.intent = intent;
         }
@@ -295,7 +295,7 @@ impl Operator {
     /// Returns whether there was one.
     pub(super) fn goes_on_from_rest(&mut self) -> bool {
         let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let limits = limits_here(&self.limits, &here, self.state.homed());
         let Some(steered) = self.steered().filter(|steered| !steered.stopping) else {
             return false;
         };
@@ -305,13 +305,13 @@ impl Operator {
         let mut intent = steered.intent.clone();
         let until_ns = until(intent.held().copied());
         let begun = intent
-            .way(&limits, AxesState::at_rest(here), until_ns)
-            .and_then(|way| {
-                intent.goes_to(&way.to);
-                let begun = self.steer(&way, intent, None)?;
+            .plan(&limits, AxesState::at_rest(here), until_ns)
+            .and_then(|plan| {
+                intent.goes_to(&plan.to);
+                let begun = self.steer(&plan, intent, None)?;
                 self.book
                     .notes
-                    .sends(begun.order, self.desk.job(), way.recorded(false));
+                    .sends(begun.order, self.state.job(), plan.recorded(false));
                 Ok(begun)
             });
         match (begun, self.steered()) {
@@ -357,19 +357,19 @@ impl Operator {
     /// There is no such motion within the limits.
     pub(super) fn begin_jog(
         &mut self,
-        way: &JogWay,
+        plan: &JogPlan,
         intent: JogIntent,
         by_handwheel: bool,
     ) -> Result<u64, Rejection> {
-        let steered = self.steer(way, intent, None)?;
+        let steered = self.steer(plan, intent, None)?;
         self.book
             .notes
-            .sends(steered.order, self.desk.job() + 1, way.recorded(false));
+            .sends(steered.order, self.state.job() + 1, plan.recorded(false));
         self.job = Job::Jog {
             steered,
             by_handwheel,
         };
-        Ok(self.desk.job_begins(Activity::Jog))
+        Ok(self.state.job_begins(Activity::Jog))
     }
 
     /// Retargets the jog in progress after a setpoint. `is_intended` means that the change corresponds to the
@@ -377,17 +377,24 @@ impl Operator {
     ///
     /// # Errors
     /// There is no such motion within the limits.
-    pub(super) fn turn_jog(&mut self, way: &JogWay, after: u64, is_intended: bool) -> Result<(), Rejection> {
-        let turned = way.steering()?;
+    pub(super) fn turn_jog(
+        &mut self,
+        plan: &JogPlan,
+        after: u64,
+        is_intended: bool,
+    ) -> Result<(), Rejection> {
+        let turned = plan.steering()?;
         let what = CycleCommand::Turn {
             after,
-            until_ns: way.until_ns,
+            until_ns: plan.until_ns,
             steering: Box::new(turned),
         };
         let order = self.order(what);
-        self.book.notes.sends(order, self.desk.job(), way.recorded(true));
+        self.book
+            .notes
+            .sends(order, self.state.job(), plan.recorded(true));
         if let Some(steered) = self.steered() {
-            steered.programmed_speed = way.programmed_speed();
+            steered.programmed_speed = plan.programmed_speed();
             steered.turn = Some(PendingTurn {
                 order,
                 steering: turned,
@@ -410,13 +417,13 @@ impl Operator {
     /// There is no such motion within the limits.
     pub(super) fn steer(
         &mut self,
-        way: &JogWay,
+        plan: &JogPlan,
         intent: JogIntent,
         command: Option<&OperatorCommand>,
     ) -> Result<Box<Steered>, Rejection> {
-        let steering = way.steering()?;
-        self.begin_within(&way.limits);
-        self.order(CycleCommand::KeepJogging(way.until_ns));
+        let steering = plan.steering()?;
+        self.begin_within(&plan.limits);
+        self.order(CycleCommand::KeepJogging(plan.until_ns));
         let what = CycleCommand::Steer(Box::new(steering));
         let order = match command {
             Some(command) => self.send(what, command),
@@ -428,7 +435,7 @@ impl Operator {
             begin: None,
             turn: None,
             stopping: false,
-            programmed_speed: way.programmed_speed(),
+            programmed_speed: plan.programmed_speed(),
             intent,
             is_pending: false,
         }))

@@ -5,7 +5,7 @@ use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, AxisLetter};
 use evolvent_transfer::AxesState;
 
-use super::jog::JogWay;
+use super::jog::JogPlan;
 
 /// Jog speed without a given speed, as a fraction of the axis's velocity limit.
 pub(super) const USUAL_FRACTION: f64 = 0.2;
@@ -83,7 +83,7 @@ impl JogIntent {
     ///
     /// # Errors
     /// An increment would leave the travel; the error names axis, target and excess.
-    pub(super) fn way(&self, limits: &Limits, from: AxesState, until_ns: u64) -> Result<JogWay, Rejection> {
+    pub(super) fn plan(&self, limits: &Limits, from: AxesState, until_ns: u64) -> Result<JogPlan, Rejection> {
         let (stopped, unavoidable) = (from.stopped(limits), from.unavoidable_speed(limits));
         let (mut to, mut speed) = (from.position, self.speed);
         for i in (0..AXES).filter(|i| limits.present[*i]) {
@@ -100,7 +100,7 @@ impl JogIntent {
                 Goal::Further(distance) => within(i, stopped[i] + distance, low, high)?,
             };
         }
-        Ok(JogWay {
+        Ok(JogPlan {
             limits: *limits,
             slows_down_first: !(self.is_increment && from.is_at_rest()),
             from,
@@ -166,8 +166,8 @@ mod tests {
     }
 
     /// Drives a jog in steps of a millisecond. Returns the highest speed of each axis, and the end position.
-    fn driven(way: &JogWay) -> (Axes, Axes) {
-        let steering = way.steering().unwrap();
+    fn driven(plan: &JogPlan) -> (Axes, Axes) {
+        let steering = plan.steering().unwrap();
         let transfer = steering.transfer();
         let mut top = Axes::zeros();
         for ms in 0..=(transfer.duration_s() * 1e3) as u32 {
@@ -181,11 +181,11 @@ mod tests {
     fn soft_limits_end_jogs_and_reject_increments() {
         let rest = AxesState::at_rest(Axes::zeros());
         let intent = |jog: &JogCommand| JogIntent::none().taken_over_by(jog, None, &machine());
-        let way = intent(&jog(0, None, -1.0, 20.0))
-            .way(&machine(), rest, FOR_EVER)
+        let plan = intent(&jog(0, None, -1.0, 20.0))
+            .plan(&machine(), rest, FOR_EVER)
             .unwrap();
-        assert_eq!(way.to.as_slice()[..3], [-400.0, 0.0, 0.0]);
-        let beyond = intent(&jog(0, Some(412.5), 0.0, 20.0)).way(&machine(), rest, FOR_EVER);
+        assert_eq!(plan.to.as_slice()[..3], [-400.0, 0.0, 0.0]);
+        let beyond = intent(&jog(0, Some(412.5), 0.0, 20.0)).plan(&machine(), rest, FOR_EVER);
         let Err(refusal) = beyond else {
             panic!("an increment out of the travel")
         };
@@ -204,7 +204,7 @@ mod tests {
         let increment = continuous.taken_over_by(&jog(1, Some(1.0), 0.0, 1.0), None, &limits);
         let from = at_speed(10.0);
         let stopped = from.stopped(&limits)[0];
-        let (top, end) = driven(&increment.way(&limits, from, FOR_EVER).unwrap());
+        let (top, end) = driven(&increment.plan(&limits, from, FOR_EVER).unwrap());
         assert!(
             (end[0] - stopped).abs() < 1e-9 && end[1] == 1.0 && stopped < 0.2,
             "{end}"
@@ -212,7 +212,7 @@ mod tests {
         assert!(top[0] < 10.002 && top[1] < 1.0001, "{top}");
         // Of the same axis, in the other direction.
         let back = continuous.taken_over_by(&jog(0, Some(-1.0), 0.0, 1.0), None, &limits);
-        let (top, end) = driven(&back.way(&limits, from, FOR_EVER).unwrap());
+        let (top, end) = driven(&back.plan(&limits, from, FOR_EVER).unwrap());
         assert!(
             (end[0] - (stopped - 1.0)).abs() < 1e-9 && top[0] < 10.002,
             "{top} {end}"
@@ -225,10 +225,10 @@ mod tests {
         let first = JogIntent::none().taken_over_by(&jog(0, Some(50.0), 0.0, 10.0), None, &limits);
         let mut first = first.taken_over_by(&jog(0, Some(-20.0), 0.0, 12.0), None, &limits);
         let from = AxesState::at_rest(Axes::zeros());
-        first.goes_to(&first.way(&limits, from, FOR_EVER).unwrap().to);
+        first.goes_to(&first.plan(&limits, from, FOR_EVER).unwrap().to);
         let both = first.taken_over_by(&jog(1, Some(5.0), 0.0, 3.0), None, &limits);
         let both = both.taken_over_by(&jog(0, Some(1.0), 0.0, 11.0), None, &limits);
-        let (top, end) = driven(&both.way(&limits, at_speed(12.0), FOR_EVER).unwrap());
+        let (top, end) = driven(&both.plan(&limits, at_speed(12.0), FOR_EVER).unwrap());
         assert_eq!(end.as_slice()[..3], [31.0, 5.0, 0.0]);
         assert!(
             (11.9..12.002).contains(&top[0]) && (2.9..3.0001).contains(&top[1]),
@@ -236,11 +236,11 @@ mod tests {
         );
         // A continuous jog ends all increments.
         let held = both.taken_over_by(&jog(2, None, 1.0, 4.0), None, &limits);
-        let way = held.way(&limits, at_speed(11.0), FOR_EVER).unwrap();
+        let plan = held.plan(&limits, at_speed(11.0), FOR_EVER).unwrap();
         assert!(
-            way.to[0] < 0.3 && way.to[1] == 0.0 && way.to[2] == 400.0,
+            plan.to[0] < 0.3 && plan.to[1] == 0.0 && plan.to[2] == 400.0,
             "{}",
-            way.to
+            plan.to
         );
     }
 }

@@ -19,7 +19,7 @@ const PATIENCE: u64 = 90;
 
 /// The demands on one axis since all axes were last at rest.
 #[derive(Clone, Copy, Debug, Default)]
-struct Asked {
+struct Requested {
     /// Highest programmed speed so far; 0 if none.
     top: f64,
     /// Last programmed speed; 0 if the axis is to stop.
@@ -39,8 +39,8 @@ fn random_jogs_keep_speed_distance_and_dead_man() {
     let (mut taken_over, mut stopped_by_dead_man, mut increments_done) = (0, 0, 0);
     for motion in 0..cases(400) {
         let here = bench.operator.view.setpoint.position;
-        let mut asked = [Asked::default(); 3];
-        for (i, axis) in asked.iter_mut().enumerate() {
+        let mut requested = [Requested::default(); 3];
+        for (i, axis) in requested.iter_mut().enumerate() {
             (axis.lowest, axis.highest) = (here[i], here[i]);
         }
         let (mut is_increment, mut any) = (false, false);
@@ -88,7 +88,7 @@ fn random_jogs_keep_speed_distance_and_dead_man() {
                         jog.amount
                     ));
                     (client, is_held, alive_at, changed_at) = (who, !adds, bench.now, bench.now);
-                    for (i, axis) in asked.iter_mut().enumerate() {
+                    for (i, axis) in requested.iter_mut().enumerate() {
                         let named = jog.axes_mask >> i & 1 == 1;
                         let limit = bench.operator.limits.velocity[i];
                         if named {
@@ -164,7 +164,7 @@ fn random_jogs_keep_speed_distance_and_dead_man() {
                 1 + random.below(6) as u64
             };
             for setpoint in bench.runs(cycles) {
-                for (i, axis) in asked.iter().enumerate() {
+                for (i, axis) in requested.iter().enumerate() {
                     let (speed, at) = (setpoint.velocity[i].abs(), setpoint.position[i]);
                     let bound = |speed: f64| speed * (1.0 + 1e-3) + 1e-6;
                     let moment = bench.now - begun;
@@ -193,7 +193,7 @@ fn random_jogs_keep_speed_distance_and_dead_man() {
             }
             bench.ticks();
             if matches!(bench.operator.job, Job::None) && any {
-                result = bench.operator.desk.result();
+                result = bench.operator.state.result();
                 break;
             }
         }
@@ -208,7 +208,7 @@ fn random_jogs_keep_speed_distance_and_dead_man() {
         );
         if is_increment && result == JobResult::Done {
             increments_done += 1;
-            for (i, axis) in asked.iter().enumerate() {
+            for (i, axis) in requested.iter().enumerate() {
                 if let Some(goal) = axis.goal {
                     let off = (end.position[i] - goal).abs();
                     assert!(
@@ -240,10 +240,10 @@ fn each_jog_is_recorded_once() {
         jog.values[0] = distance;
         assert_eq!(bench.reply(1, jog), None);
         if distance < 2.0 {
-            bench.runs_seen(20);
+            bench.runs_and_ticks(20);
         }
     }
-    bench.runs_seen(2000);
+    bench.runs_and_ticks(2000);
     assert!(matches!(bench.operator.job, Job::None));
     let jogs: Vec<String> = recorded
         .try_iter()

@@ -7,7 +7,7 @@ use evolvent_motion::MotionState;
 use evolvent_path::{Axes, AxisLetter, AxisMask};
 use evolvent_transfer::AxesState;
 
-use super::jog::{FOR_EVER, JogWay, Steered, limits_here};
+use super::jog::{FOR_EVER, JogPlan, Steered, limits_here};
 use super::jog_intent::{JogIntent, USUAL_FRACTION};
 use super::operator::{Job, Operator};
 use super::orders::{ActiveJob, CycleCommand};
@@ -117,7 +117,7 @@ impl Operator {
         };
         let here = self.view.setpoint.position;
         let held = jog.distance.is_none().then(|| JogEnable::held(client, now_ns));
-        let job = self.desk.job();
+        let job = self.state.job();
         let Job::Program(run) = &mut self.job else {
             return Err(Alarm::NothingRuns.into());
         };
@@ -142,8 +142,8 @@ impl Operator {
         // Consecutive jogs of one axis are one leg.
         let begins_leg = away.legs.last().is_none_or(|leg| leg.axis != axis);
         let begun = self
-            .way_from_rest(jog, held)
-            .and_then(|(way, intent)| self.steer_away(&way, intent, None));
+            .plan_from_rest(jog, held)
+            .and_then(|(plan, intent)| self.steer_away(&plan, intent, None));
         if let Some(away) = self.away() {
             match (&begun, begins_leg) {
                 (Ok(()), true) => away.legs.push(Leg { from: here, axis }),
@@ -157,14 +157,14 @@ impl Operator {
     /// Begins a transfer of the excursion at rest.
     fn steer_away(
         &mut self,
-        way: &JogWay,
+        plan: &JogPlan,
         intent: JogIntent,
         command: Option<&OperatorCommand>,
     ) -> Result<(), Rejection> {
-        let steered = self.steer(way, intent, command)?;
+        let steered = self.steer(plan, intent, command)?;
         self.book
             .notes
-            .sends(steered.order, self.desk.job(), way.recorded(false));
+            .sends(steered.order, self.state.job(), plan.recorded(false));
         if let Some(away) = self.away() {
             away.motion = Some(AwayMotion::Jog { steered });
         }
@@ -210,7 +210,7 @@ impl Operator {
     /// Begins the next leg of the return.
     fn go_back(&mut self, command: Option<&OperatorCommand>) -> Result<(), Rejection> {
         let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let limits = limits_here(&self.limits, &here, self.state.homed());
         let is_retraced = self.view.leaving.is_retraced;
         let Some(away) = self.away() else { return Ok(()) };
         let Some(leg) = away.legs.last() else {
@@ -227,15 +227,15 @@ impl Operator {
         let speed = away
             .return_speed
             .unwrap_or(USUAL_FRACTION * limits.velocity[leg.axis]);
-        let way = JogWay {
-            speed: JogWay::speeds(&limits, AxisMask::one(leg.axis), speed),
+        let plan = JogPlan {
+            speed: JogPlan::speeds(&limits, AxisMask::one(leg.axis), speed),
             slows_down_first: false,
             to,
             limits,
             from: AxesState::at_rest(here),
             until_ns: FOR_EVER,
         };
-        self.steer_away(&way, JogIntent::none(), command)
+        self.steer_away(&plan, JogIntent::none(), command)
     }
 
     /// RETRACE: drives backwards along the path of the program.
@@ -281,7 +281,7 @@ impl Operator {
             Some(command) => self.send(what, command),
             None => self.order(what),
         };
-        self.book.notes.sends_retrace(id, self.desk.job(), back);
+        self.book.notes.sends_retrace(id, self.state.job(), back);
         if let Some(away) = self.away() {
             away.motion = Some(AwayMotion::Retrace);
         }
@@ -336,8 +336,8 @@ impl Operator {
             return;
         }
         if (self.away()).is_some_and(|away| away.motion.is_none()) {
-            let way_back = self.way_back();
-            self.message.tell_of_job(way_back);
+            let return_text = self.return_text();
+            self.message.tell_of_job(return_text);
         }
     }
 
@@ -354,7 +354,7 @@ impl Operator {
     }
 
     /// The return as text, leg by leg.
-    fn way_back(&self) -> String {
+    fn return_text(&self) -> String {
         let Job::Program(run) = &self.job else {
             return String::new();
         };

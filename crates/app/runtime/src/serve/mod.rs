@@ -29,8 +29,8 @@ mod operator_message;
 mod order_book;
 mod orders;
 mod outputs;
-mod periphery_desk;
-mod program_desk;
+mod periphery_state;
+mod program_context;
 mod program_tally;
 mod programs;
 mod reading;
@@ -68,11 +68,11 @@ mod tests {
 
     #[test]
     fn numbers_and_names_of_desk_and_bus_are_the_same() {
-        let desk: Vec<(&str, u32)> = CommandCode::ALL
+        let commands: Vec<(&str, u32)> = CommandCode::ALL
             .iter()
             .map(|code| (code.name(), *code as u32))
             .collect();
-        assert_eq!(desk, COMMANDS);
+        assert_eq!(commands, COMMANDS);
         let spelled = |name: &dyn std::fmt::Debug| format!("{name:?}").to_uppercase();
         let numbered = |list: &[(&str, u32)], name: &dyn std::fmt::Debug, number: u32| {
             assert!(list.contains(&(spelled(name).as_str(), number)), "{name:?}");

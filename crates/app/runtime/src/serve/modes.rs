@@ -372,14 +372,14 @@ mod tests {
             "G41.1 D4\nG1 F100 X10\n",
         ] {
             let error = fault(text).unwrap();
-            let told = format!("{}; {}", error.message, error.help.as_deref().unwrap_or_default());
+            let message = format!("{}; {}", error.message, error.help.as_deref().unwrap_or_default());
             assert!(
-                told.starts_with("cutter compensation cannot be used in MDI"),
-                "{told}"
+                message.starts_with("cutter compensation cannot be used in MDI"),
+                "{message}"
             );
             assert!(
-                told.contains("a subroutine that MDI calls") && !told.contains("line 3"),
-                "{told}"
+                message.contains("a subroutine that MDI calls") && !message.contains("line 3"),
+                "{message}"
             );
         }
         // A block that calls a contour, and the contour ends its compensation, leaves none on.

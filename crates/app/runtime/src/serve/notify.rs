@@ -120,9 +120,9 @@ mod tests {
     }
 
     fn receive(ear: &UnixDatagram) -> String {
-        let mut heard = [0; 16];
-        let length = ear.recv(&mut heard).unwrap();
-        String::from_utf8_lossy(&heard[..length]).into_owned()
+        let mut received = [0; 16];
+        let length = ear.recv(&mut received).unwrap();
+        String::from_utf8_lossy(&received[..length]).into_owned()
     }
 
     #[test]

@@ -17,14 +17,14 @@ use super::change_mark::ChangeMark;
 use super::checking::{Checking, Finding};
 use super::drive_view::{DriveView, homing_sample};
 use super::file_work::FileWork;
-use super::handwheel::HandwheelDesk;
+use super::handwheel::HandwheelState;
 use super::jog::Steered;
 use super::modes::{Modes, simulate_modes};
 use super::operator_message::OperatorMessage;
 use super::order_book::OrderBook;
 use super::orders::{CycleCommand, CycleEvent, CycleView, Order};
-use super::periphery_desk::PeripheryDesk;
-use super::program_desk::ProgramDesk;
+use super::periphery_state::PeripheryState;
+use super::program_context::ProgramContext;
 use super::programs::ProgramRun;
 use super::state_store::StateStore;
 use super::urgent::UrgentOrders;
@@ -67,8 +67,8 @@ pub(super) struct StopState {
 /// The operator's side of one machine.
 pub(crate) struct Operator {
     pub(super) setup: Setup,
-    pub(super) desk: OperatorState,
-    pub(super) keep: StateStore,
+    pub(super) state: OperatorState,
+    pub(super) store: StateStore,
     pub(super) folder: PathBuf,
     pub(super) limits: Limits,
     pub(super) present: AxisMask,
@@ -83,11 +83,11 @@ pub(crate) struct Operator {
     pub(super) book: OrderBook,
     pub(super) job: Job,
     pub(super) stops: StopState,
-    pub(super) program: ProgramDesk,
+    pub(super) program: ProgramContext,
     pub(super) files: FileWork,
     /// Present state of spindle, coolant and tool.
-    pub(super) periphery: PeripheryDesk,
-    pub(super) handwheel: Option<HandwheelDesk>,
+    pub(super) periphery: PeripheryState,
+    pub(super) handwheel: Option<HandwheelState>,
     pub(super) message: OperatorMessage,
     pub(super) malformed: u64,
 }
@@ -95,7 +95,7 @@ pub(crate) struct Operator {
 /// Parts from which an [`Operator`] is built.
 pub(crate) struct OperatorConfig {
     pub setup: Setup,
-    pub keep: StateStore,
+    pub store: StateStore,
     pub folder: PathBuf,
     pub orders: Producer<Order>,
     /// Orders that bypass the queue.
@@ -114,7 +114,7 @@ impl Operator {
     pub(crate) fn new(beginning: OperatorConfig) -> Result<Self, String> {
         let OperatorConfig {
             setup,
-            keep,
+            store,
             folder,
             orders,
             urgent,
@@ -122,8 +122,8 @@ impl Operator {
             periphery,
             view,
         } = beginning;
-        let tool = keep.tool;
-        let handwheel = setup.machine.handwheel.as_ref().map(HandwheelDesk::new);
+        let tool = store.tool;
+        let handwheel = setup.machine.handwheel.as_ref().map(HandwheelState::new);
         let machine = &setup.machine;
         let present = machine
             .axes
@@ -138,25 +138,25 @@ impl Operator {
         let unlimited = machine.unlimited();
         let limits = machine.limits();
         let bounds = watch_settings(machine, setup.period_ns).bounds;
-        let mut desk = OperatorState::default();
+        let mut state = OperatorState::default();
         // Axes that the core cannot home are at the position in the machine file or, if the drives keep
         // theirs, at the position that the drives report.
-        desk.set_homed(present.without(to_home));
+        state.set_homed(present.without(to_home));
         // The cycle's watch has the same timeout and knows which drive it is, so this one comes second.
         let enable_timeout_ns = (machine.drives.enable_timeout_s * 1e9) as u64;
-        desk.set_enable_timeout_ns(enable_timeout_ns.saturating_add(ENABLE_MARGIN_NS));
-        if !keep.complaints.is_empty() {
+        state.set_enable_timeout_ns(enable_timeout_ns.saturating_add(ENABLE_MARGIN_NS));
+        if !store.complaints.is_empty() {
             // One alarm: of two, the second would not be seen.
-            desk.raise(Alarm::NotRead, keep.complaints.join("; "));
+            state.raise(Alarm::NotRead, store.complaints.join("; "));
         }
-        if let Some(mark) = keep.change {
-            desk.raise(Alarm::ToolChange, mark.sentence());
+        if let Some(mark) = store.change {
+            state.raise(Alarm::ToolChange, mark.sentence());
         }
         let modes = Modes::at_start(&setup.interpreter_settings()).map_err(|error| error.to_string())?;
         let mut operator = Self {
             setup,
-            desk,
-            keep,
+            state,
+            store,
             folder,
             limits,
             present,
@@ -168,9 +168,9 @@ impl Operator {
             book: OrderBook::new(orders, urgent, recorder),
             job: Job::None,
             stops: StopState::default(),
-            program: ProgramDesk::new(modes),
+            program: ProgramContext::new(modes),
             files: FileWork::default(),
-            periphery: PeripheryDesk::new(tool, periphery),
+            periphery: PeripheryState::new(tool, periphery),
             handwheel,
             message: OperatorMessage::default(),
             malformed: 0,
@@ -183,15 +183,15 @@ impl Operator {
     /// The setup of a job that begins now at the present position.
     pub(super) fn setup_here(&self) -> Setup {
         let mut setup = self.setup.clone();
-        setup.memory = self.keep.memory.clone();
-        setup.place = Some(self.view.setpoint.position);
-        setup.unhomed = self.present.without(self.desk.homed());
-        setup.tool = self.keep.tool;
+        setup.memory = self.store.memory.clone();
+        setup.position = Some(self.view.setpoint.position);
+        setup.unhomed = self.present.without(self.state.homed());
+        setup.tool = self.store.tool;
         setup.selected_tool = self.program.modes.modal.selected_tool;
-        setup.tool_unknown = self.keep.change.map(ChangeMark::sentence);
+        setup.tool_unknown = self.store.change.map(ChangeMark::sentence);
         setup.outputs = self.periphery.now().outputs;
-        setup.block_delete = self.desk.is_block_delete();
-        setup.rapid_override = self.desk.overrides()[1];
+        setup.block_delete = self.state.is_block_delete();
+        setup.rapid_override = self.state.overrides()[1];
         setup
     }
 
@@ -203,7 +203,7 @@ impl Operator {
     }
 
     pub(super) fn kept(&self) -> evolvent_gcode::KeptParameters {
-        self.keep.memory.kept.clone().unwrap_or_default()
+        self.store.memory.kept.clone().unwrap_or_default()
     }
 
     /// Computes the modes again after offsets or tools changed from outside.
@@ -230,7 +230,7 @@ impl Operator {
 
     /// Whether a tool change was interrupted and the tool in the spindle has not been declared since.
     pub(crate) fn is_tool_unknown(&self) -> bool {
-        self.keep.change.is_some() && !self.keep.is_change_under_way
+        self.store.change.is_some() && !self.store.is_change_under_way
     }
 
     /// Whether the feed is held.
@@ -290,7 +290,7 @@ impl Operator {
             _ => ExternalEventKind::Alarm,
         };
         self.record_at(sequence, kind, alarm.number(), text.clone(), None);
-        self.desk.raise(alarm, text);
+        self.state.raise(alarm, text);
     }
 
     pub(super) fn g92(&self) -> Axes {
@@ -330,7 +330,7 @@ impl Operator {
     /// Handles a trace that can no longer be written. The machine file determines whether the machine
     /// continues.
     pub(crate) fn trace_failed(&mut self, text: &str) {
-        self.desk.raise(Alarm::Trace, text);
+        self.state.raise(Alarm::Trace, text);
         if self.setup.machine.trace.on_full == OnFull::Stop {
             self.give_up_waiting(JobResult::Stopped);
             self.cancel_homing(JobResult::Stopped);
@@ -389,13 +389,13 @@ impl Operator {
         let is_settled = self.view.power_order == self.power_order;
         let is_powered = self.view.power == PowerRequest::On && is_settled;
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
-        let wanted_power = self.desk.wants_power();
-        self.desk.enable(is_powered && are_ready, now_ns);
-        if wanted_power && !self.desk.wants_power() {
+        let wanted_power = self.state.wants_power();
+        self.state.enable(is_powered && are_ready, now_ns);
+        if wanted_power && !self.state.wants_power() {
             // Too late: power must not come on by itself afterwards.
             self.power_order = self.book.order(CycleCommand::Power(PowerRequest::Off));
         }
-        if is_settled && !is_powered && self.desk.machine() == MachineState::On {
+        if is_settled && !is_powered && self.state.machine() == MachineState::On {
             // Whatever removed the power: a machine that is on without power would accept jobs that move
             // nothing.
             self.lose_power();
@@ -412,8 +412,13 @@ impl Operator {
         self.follow_jog();
         self.follow_handwheel();
         self.remove_whole_turns();
-        if let Some(text) = self.files.way.as_ref().and_then(|way| way.try_recv().ok()) {
-            self.files.way = None;
+        if let Some(text) = self
+            .files
+            .approach
+            .as_ref()
+            .and_then(|approach| approach.try_recv().ok())
+        {
+            self.files.approach = None;
             // A job that was stopped meanwhile does not need it any more.
             if matches!(self.job, Job::Program(_)) {
                 self.message.tell_of_stop(text);
@@ -430,7 +435,7 @@ impl Operator {
         let text = match finding {
             Finding::Objection(text) => text,
             Finding::Caution(text) => {
-                let program = self.desk.program().unwrap_or_default();
+                let program = self.state.program().unwrap_or_default();
                 let note = format!("{program}: {text}");
                 self.record(ExternalEventKind::Warning, 0, note.clone(), None);
                 self.files.cautions.push(note);
@@ -461,7 +466,7 @@ impl Operator {
         self.message.job_ends();
         self.job = Job::None;
         (self.stops.hold, self.stops.stopping) = (false, false);
-        self.desk.job_ends(result);
+        self.state.job_ends(result);
     }
 
     pub(crate) fn present(&self) -> AxisMask {

@@ -55,7 +55,7 @@ impl OperatorMessage {
     /// Notes the state of the program.
     pub(super) fn follow(&mut self, state: MotionState) {
         if let Validity::Stop { is_there } = &mut self.validity {
-            let stands = matches!(state, MotionState::ProgramStop | MotionState::Held);
+            let is_at_rest = matches!(state, MotionState::ProgramStop | MotionState::Held);
             if *is_there
                 && matches!(
                     state,
@@ -65,7 +65,7 @@ impl OperatorMessage {
                 self.text.clear();
                 self.validity = Validity::NextJob;
             } else {
-                *is_there |= stands;
+                *is_there |= is_at_rest;
             }
         }
     }

@@ -287,13 +287,13 @@ mod tests {
     use super::*;
 
     /// A book with its queue and its records.
-    struct Desk {
+    struct BookFixture {
         book: OrderBook,
         queue: Consumer<Order>,
         recorded: Receiver<FeederEvent>,
     }
 
-    impl Desk {
+    impl BookFixture {
         fn new(slots: usize) -> Self {
             let (orders, queue) = RingBuffer::new(slots);
             let (recorder, recorded) = channel();
@@ -326,34 +326,36 @@ mod tests {
     /// which the cycle took from the queue earlier.
     #[test]
     fn a_stop_without_a_command_discards_no_queued_one() {
-        let mut desk = Desk::new(64);
+        let mut fixture = BookFixture::new(64);
         let turn = OperatorCommand::FeedOverride(0.5);
-        desk.book.send(CycleCommand::Override(0.5), &turn);
-        let stop = desk.book.order(CycleCommand::Stop);
-        let emergency = desk.book.send(CycleCommand::Emergency, &OperatorCommand::Estop);
+        fixture.book.send(CycleCommand::Override(0.5), &turn);
+        let stop = fixture.book.order(CycleCommand::Stop);
+        let emergency = fixture
+            .book
+            .send(CycleCommand::Emergency, &OperatorCommand::Estop);
         assert_eq!((stop, emergency), (2, 3));
         for id in [stop, emergency, 1] {
-            desk.book.applied(id, 10);
+            fixture.book.applied(id, 10);
         }
         assert_eq!(
-            desk.records(),
+            fixture.records(),
             records_of(&[(&OperatorCommand::Estop, 10), (&turn, 10)])
         );
     }
 
     #[test]
     fn a_stop_is_recorded_with_a_later_one_of_its_kind() {
-        let mut desk = Desk::new(64);
-        desk.book.send(CycleCommand::Stop, &OperatorCommand::Stop);
-        let off = desk
+        let mut fixture = BookFixture::new(64);
+        fixture.book.send(CycleCommand::Stop, &OperatorCommand::Stop);
+        let off = fixture
             .book
             .send(CycleCommand::Power(PowerRequest::Off), &OperatorCommand::Off);
-        let newer = desk.book.order(CycleCommand::Stop);
-        desk.book.applied(newer, 10);
-        assert_eq!(desk.records(), records_of(&[(&OperatorCommand::Stop, 10)]));
-        desk.book.applied(off, 11);
+        let newer = fixture.book.order(CycleCommand::Stop);
+        fixture.book.applied(newer, 10);
+        assert_eq!(fixture.records(), records_of(&[(&OperatorCommand::Stop, 10)]));
+        fixture.book.applied(off, 11);
         assert_eq!(
-            desk.records(),
+            fixture.records(),
             records_of(&[(&OperatorCommand::Off, 11)]),
             "another kind counts by itself"
         );
@@ -362,41 +364,49 @@ mod tests {
     /// An order that does not fit causes an emergency stop, which does not affect orders that did fit.
     #[test]
     fn a_full_queue_discards_none_of_its_commands() {
-        let mut desk = Desk::new(1);
-        let first = desk.book.send(CycleCommand::Clear, &OperatorCommand::ClearAlarms);
-        let lost = desk
+        let mut fixture = BookFixture::new(1);
+        let first = fixture
+            .book
+            .send(CycleCommand::Clear, &OperatorCommand::ClearAlarms);
+        let lost = fixture
             .book
             .send(CycleCommand::LeaveEstop, &OperatorCommand::EstopReset);
-        assert_eq!((desk.queue.slots(), desk.book.take_lost().len()), (1, 1));
-        desk.book.applied(lost + 1, 10);
-        desk.book.applied(first, 11);
-        assert_eq!(desk.records(), records_of(&[(&OperatorCommand::ClearAlarms, 11)]));
+        assert_eq!((fixture.queue.slots(), fixture.book.take_lost().len()), (1, 1));
+        fixture.book.applied(lost + 1, 10);
+        fixture.book.applied(first, 11);
+        assert_eq!(
+            fixture.records(),
+            records_of(&[(&OperatorCommand::ClearAlarms, 11)])
+        );
     }
 
     /// However often HOLD arrives before the cycle takes it, it is one order, and each HOLD is recorded.
     #[test]
     fn a_pending_hold_is_not_ordered_twice() {
-        let mut desk = Desk::new(64);
+        let mut fixture = BookFixture::new(64);
         let turn = OperatorCommand::FeedOverride(0.5);
-        let first = desk.book.send(CycleCommand::Hold, &OperatorCommand::Hold);
-        let stop = desk
+        let first = fixture.book.send(CycleCommand::Hold, &OperatorCommand::Hold);
+        let stop = fixture
             .book
             .send(CycleCommand::StopSteering, &OperatorCommand::JogStop);
-        desk.book.send(CycleCommand::Override(0.5), &turn);
-        assert_eq!(desk.book.send(CycleCommand::Hold, &OperatorCommand::Hold), first);
-        assert_eq!(desk.book.order(CycleCommand::StopSteering), stop);
-        assert_eq!(desk.queue.slots(), 3);
+        fixture.book.send(CycleCommand::Override(0.5), &turn);
+        assert_eq!(
+            fixture.book.send(CycleCommand::Hold, &OperatorCommand::Hold),
+            first
+        );
+        assert_eq!(fixture.book.order(CycleCommand::StopSteering), stop);
+        assert_eq!(fixture.queue.slots(), 3);
         // A hold after this one is a new order.
-        let resume = desk
+        let resume = fixture
             .book
             .send(CycleCommand::Resume(None), &OperatorCommand::Resume);
-        let again = desk.book.send(CycleCommand::Hold, &OperatorCommand::Hold);
+        let again = fixture.book.send(CycleCommand::Hold, &OperatorCommand::Hold);
         assert!(resume > stop && again > resume);
         for id in 1..=again {
-            desk.book.applied(id, 10 + id);
+            fixture.book.applied(id, 10 + id);
         }
         assert_eq!(
-            desk.records(),
+            fixture.records(),
             records_of(&[
                 (&OperatorCommand::Hold, 11),
                 (&OperatorCommand::Hold, 11),
@@ -407,26 +417,28 @@ mod tests {
             ])
         );
         // The cycle may have ended the hold meanwhile.
-        assert!(desk.book.order(CycleCommand::Hold) > again);
+        assert!(fixture.book.order(CycleCommand::Hold) > again);
     }
 
     /// The command was accepted, so it takes effect once there is capacity; changing an override stops
     /// nothing.
     #[test]
     fn an_override_waits_while_the_queue_is_full() {
-        let mut desk = Desk::new(1);
+        let mut fixture = BookFixture::new(1);
         let turn = OperatorCommand::FeedOverride(0.5);
-        let first = desk.book.send(CycleCommand::Clear, &OperatorCommand::ClearAlarms);
-        assert!(desk.book.is_full());
-        desk.book.send(CycleCommand::Override(0.5), &turn);
-        assert!(desk.book.take_lost().is_empty());
-        let taken = desk.queue.pop().unwrap();
-        desk.book.applied(taken.id, 10);
-        let sent = desk.queue.pop().unwrap();
+        let first = fixture
+            .book
+            .send(CycleCommand::Clear, &OperatorCommand::ClearAlarms);
+        assert!(fixture.book.is_full());
+        fixture.book.send(CycleCommand::Override(0.5), &turn);
+        assert!(fixture.book.take_lost().is_empty());
+        let taken = fixture.queue.pop().unwrap();
+        fixture.book.applied(taken.id, 10);
+        let sent = fixture.queue.pop().unwrap();
         assert!(sent.id > first && matches!(sent.what, CycleCommand::Override(0.5)));
-        desk.book.applied(sent.id, 11);
+        fixture.book.applied(sent.id, 11);
         assert_eq!(
-            desk.records(),
+            fixture.records(),
             records_of(&[(&OperatorCommand::ClearAlarms, 10), (&turn, 11)])
         );
     }

@@ -104,12 +104,12 @@ pub(super) struct ChangeBeginning {
 
 /// Computes the approach to a line in the middle of a program on a separate thread, since there may be many
 /// lines before it. The result is one line of text.
-fn show_way(file: PathBuf, setup: Setup) -> Result<Receiver<String>, Rejection> {
-    let (sender, way) = mpsc::channel();
+fn compute_approach(file: PathBuf, setup: Setup) -> Result<Receiver<String>, Rejection> {
+    let (sender, approach) = mpsc::channel();
     let spawned = thread::Builder::new().name("way".into()).spawn(move || {
         take_turns();
         let text = match Commands::open(&file, &setup) {
-            Ok(commands) => commands.start().map(way_there).unwrap_or_default(),
+            Ok(commands) => commands.start().map(approach_text).unwrap_or_default(),
             // The planner finds the same error and ends the job.
             Err(error) => error.to_string(),
         };
@@ -121,10 +121,10 @@ fn show_way(file: PathBuf, setup: Setup) -> Result<Receiver<String>, Rejection> 
             format!("no thread to compute the approach: {error}"),
         )
     })?;
-    Ok(way)
+    Ok(approach)
 }
 
-fn way_there(start: &Start) -> String {
+fn approach_text(start: &Start) -> String {
     let steps = if start.approach.is_empty() {
         "none, the tool is there".to_owned()
     } else {
@@ -171,8 +171,8 @@ impl Operator {
             return verdict.clone().map(drop);
         }
         let setup = self.setup_here();
-        if !(self.files.checking.as_ref()).is_some_and(|checking| checking.is_about(&file.look, &setup)) {
-            self.files.checking = Some(Checking::begin(file.look.clone(), &setup)?);
+        if !(self.files.checking.as_ref()).is_some_and(|checking| checking.is_about(&file.version, &setup)) {
+            self.files.checking = Some(Checking::begin(file.version.clone(), &setup)?);
         }
         match self.files.checking.as_mut().and_then(Checking::verdict) {
             Some(verdict) => verdict.clone().map(drop),
@@ -181,7 +181,7 @@ impl Operator {
     }
 
     pub(super) fn start(&mut self, line: u32, file: &ProgramFile) -> Result<u64, Rejection> {
-        if let Some(mark) = self.keep.change {
+        if let Some(mark) = self.store.change {
             return Err(Rejection::new(Alarm::ToolUnknown, mark.sentence()));
         }
         self.check_loaded(file)?;
@@ -189,29 +189,29 @@ impl Operator {
         setup.start_line = (line > 1).then_some(line);
         // Nothing knows what obstructs the approach. The plan begins with a program stop so that the operator
         // looks.
-        let way = match setup.start_line {
+        let approach = match setup.start_line {
             None => None,
-            Some(_) => Some(show_way(file.look.file.clone(), setup.clone())?),
+            Some(_) => Some(compute_approach(file.version.file.clone(), setup.clone())?),
         };
-        let steps = self.desk.is_single_step() || self.program.switches.is_single_step();
+        let steps = self.state.is_single_step() || self.program.switches.is_single_step();
         self.switch_anew(steps);
         let job = self.plan(file, setup, None, Activity::Program)?;
         if let Some(caution) = self.files.checking.as_ref().and_then(Checking::caution) {
             self.message.tell_of_program(caution);
         }
-        if way.is_some() {
+        if approach.is_some() {
             self.message
                 .tell_of_stop(format!("{BEFORE_LINE}{line}; the approach is being computed"));
         }
-        self.files.way = way;
+        self.files.approach = approach;
         Ok(job)
     }
 
     /// The program or block of the job that has just begun, and the approach if it does not start at the
     /// beginning.
     pub(super) fn started(&self) -> String {
-        let mut text = self.desk.program().unwrap_or_default().to_owned();
-        if self.files.way.is_some() {
+        let mut text = self.state.program().unwrap_or_default().to_owned();
+        if self.files.approach.is_some() {
             text.push_str(&format!(
                 ": {}, and follows in the message of the status",
                 self.message.text()
@@ -238,11 +238,11 @@ impl Operator {
 
     /// The switches of the next job, as the operator has set them.
     fn switch_anew(&mut self, single_step: bool) {
-        let [_, rapid_override, _] = self.desk.overrides();
+        let [_, rapid_override, _] = self.state.overrides();
         self.program.switches = Arc::new(Switches::new(&SwitchState {
             single_step,
-            optional_stop: self.desk.is_optional_stop(),
-            block_delete: self.desk.is_block_delete(),
+            optional_stop: self.state.is_optional_stop(),
+            block_delete: self.state.is_block_delete(),
             rapid_override,
         }));
     }
@@ -256,7 +256,7 @@ impl Operator {
     ) -> Result<u64, Rejection> {
         let mut subroutines = String::new();
         let switches = self.program.switches.state();
-        let job = self.desk.job() + 1;
+        let job = self.state.job() + 1;
         if let Some(recorder) = &self.book.recorder {
             let start = ProgramStart {
                 is_mdi: activity == Activity::Mdi,
@@ -265,13 +265,13 @@ impl Operator {
                 tools: None,
                 parameters: None,
                 subroutines: String::new(),
-                place: setup.start(),
+                position: setup.start(),
                 tool: setup.tool,
                 selected_tool: setup.selected_tool,
                 outputs: Some(setup.outputs),
                 start_line: setup.start_line.unwrap_or(0),
                 switches,
-                feed_override: self.desk.overrides()[0],
+                feed_override: self.state.overrides()[0],
                 numbered_from: self.program.numbers,
             };
             subroutines = self
@@ -281,9 +281,9 @@ impl Operator {
         }
         let lines_before = setup.restored.lines;
         let planning = Planning::start(ProgramJob {
-            file: file.look.file.clone(),
+            file: file.version.file.clone(),
             setup,
-            feed_override: self.desk.overrides()[0],
+            feed_override: self.state.overrides()[0],
             job: job_number(job),
             number: job,
             switches,
@@ -318,7 +318,7 @@ impl Operator {
         if activity == Activity::Program {
             self.program.tally.begin(self.view.setpoint.sequence);
         }
-        Ok(self.desk.job_begins(activity))
+        Ok(self.state.job_begins(activity))
     }
 
     pub(super) fn resume(&mut self, command: &OperatorCommand) {
@@ -395,13 +395,13 @@ impl Operator {
 /// A diagnostic as one sentence with its position and the calls that lead there. `lines_before` is the length
 /// of the preamble, which the operator has not written.
 pub(super) fn sentence(diagnostic: &evolvent_gcode::Diagnostic, lines_before: u32) -> String {
-    let place = |file: Option<&str>, line: u32| match file {
+    let location = |file: Option<&str>, line: u32| match file {
         Some(file) => format!("{file}:{line}"),
         None => format!("line {}", line.saturating_sub(lines_before)),
     };
     let mut text = format!(
         "{}: {}: {}",
-        place(diagnostic.file.as_deref(), diagnostic.line),
+        location(diagnostic.file.as_deref(), diagnostic.line),
         diagnostic.code.as_str(),
         diagnostic.message
     );
@@ -411,7 +411,7 @@ pub(super) fn sentence(diagnostic: &evolvent_gcode::Diagnostic, lines_before: u3
     }
     for same in diagnostic.calls.chunk_by(|a, b| a == b) {
         text.push_str("; called from ");
-        text.push_str(&place(same[0].file.as_deref(), same[0].line));
+        text.push_str(&location(same[0].file.as_deref(), same[0].line));
         if same.len() > 1 {
             text.push_str(&format!(", {} calls deep", same.len()));
         }
@@ -438,11 +438,14 @@ mod tests {
         let error = Interpreter::new(text.as_bytes(), settings)
             .find_map(Result::err)
             .unwrap();
-        let told = sentence(&error, 1);
-        assert!(told.starts_with(&format!("{}:2: G0", inner.display())), "{told}");
+        let message = sentence(&error, 1);
         assert!(
-            told.ends_with("; called from line 2; called from line 4"),
-            "{told}"
+            message.starts_with(&format!("{}:2: G0", inner.display())),
+            "{message}"
+        );
+        assert!(
+            message.ends_with("; called from line 2; called from line 4"),
+            "{message}"
         );
     }
 }

@@ -48,7 +48,7 @@ impl Operator {
     /// The answer to a client that sends a command while its previous command waits for files.
     pub(crate) fn refuse_while_reading(&mut self, request: &ControlRequest) -> ControlAnswer {
         let text = "the files of an earlier command are still being read; wait for its answer";
-        let refused = self.desk.refuse(Rejection::new(Alarm::Checking, text));
+        let refused = self.state.refuse(Rejection::new(Alarm::Checking, text));
         self.composed(request, Err(refused))
     }
 
@@ -56,19 +56,19 @@ impl Operator {
     pub(crate) fn finish_reading(&mut self, now_ns: u64) -> Option<ControlAnswer> {
         let result = self.files.reading.as_ref()?.poll()?;
         let reading = self.files.reading.take()?;
-        let facts = self.facts();
+        let operator_inputs = self.operator_inputs();
         let done = result.and_then(|found| {
             // A drive may have failed meanwhile.
-            self.desk.permit(reading.command.code(), &facts)?;
+            self.state.permit(reading.command.code(), &operator_inputs)?;
             let job = self.carry_out_read(&reading.command, found)?;
             self.unless_lost(&reading.command, job)
         });
         let result = match done {
             Ok(job) => {
-                self.desk.commit(&reading.command, now_ns, true);
+                self.state.commit(&reading.command, now_ns, true);
                 Ok(job)
             }
-            Err(refusal) => Err(self.desk.refuse(refusal)),
+            Err(refusal) => Err(self.state.refuse(refusal)),
         };
         Some(self.composed(&reading.request, result))
     }
@@ -105,12 +105,12 @@ impl Operator {
             ) => job = self.mdi(*after, &file, restored)?,
             (OperatorCommand::ReloadTools, Found::Tools(tools)) => {
                 if let Some(tools) = tools {
-                    self.keep.take_tools(tools);
+                    self.store.take_tools(tools);
                 }
                 self.refresh_modes();
             }
             (_, Found::Saved(memory)) => {
-                self.keep.take_saved(*memory);
+                self.store.take_saved(*memory);
                 self.refresh_modes();
             }
             // A result always belongs to the command that it was read for.
@@ -137,7 +137,7 @@ impl Operator {
             OperatorCommand::Step if is_step_of_running => None,
             OperatorCommand::Start(_) | OperatorCommand::Step => {
                 // The interlocks ensure that a program is loaded.
-                let file = PathBuf::from(self.desk.program().unwrap_or_default());
+                let file = PathBuf::from(self.state.program().unwrap_or_default());
                 let (about, setup) = (file.display().to_string(), self.setup_here());
                 let work = move || read_program(&file, &setup);
                 Some(self.files.readers.begin(request, command, about, work))
@@ -152,7 +152,7 @@ impl Operator {
                 )
             }
             OperatorCommand::ReloadTools => {
-                let file = self.keep.memory.tools_file.clone();
+                let file = self.store.memory.tools_file.clone();
                 let work = move || read_tools(file.as_deref());
                 Some(
                     self.files
@@ -166,7 +166,7 @@ impl Operator {
                 "the axes are still stopping; touch off when they are at rest",
             ))),
             _ => {
-                let saving = self.keep.save(self.memory_after(command)?);
+                let saving = self.store.save(self.memory_after(command)?);
                 let about = "offsets and tools".to_owned();
                 Some(
                     self.files
@@ -210,7 +210,7 @@ impl Operator {
         };
         let offset = offset(index, &kept);
         kept.set_work_offset(index, &offset);
-        let mut memory = self.keep.memory.clone();
+        let mut memory = self.store.memory.clone();
         memory.kept = Some(kept);
         memory
     }
@@ -230,7 +230,7 @@ impl Operator {
                     kept.touched_off(index, *axes, values, &tip, &g92)
                 }))
             }
-            OperatorCommand::Tool(entry) => Some(self.keep.with_tool(entry)),
+            OperatorCommand::Tool(entry) => Some(self.store.with_tool(entry)),
             _ => None,
         }
     }

@@ -7,7 +7,7 @@ use std::sync::mpsc::Sender;
 
 use evolvent_gcode::{KeptParameters, ToolTable};
 
-use super::files::{Look, ProgramFile};
+use super::files::{FileVersion, ProgramFile};
 use crate::job::Setup;
 use crate::job_start::{JobStart, ProgramStart, SteeredStart, plain_name};
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
@@ -28,7 +28,7 @@ pub(super) struct JobNotes {
     /// The last attachment and its name.
     tools: Option<(ToolTable, String)>,
     parameters: Option<(KeptParameters, String)>,
-    program: Option<(Look, String, Option<Arc<ProgramCopy>>)>,
+    program: Option<(FileVersion, String, Option<Arc<ProgramCopy>>)>,
 }
 
 impl JobNotes {
@@ -58,15 +58,15 @@ impl JobNotes {
         let attach = |name: &str, text: String| {
             let _gone = recorder.send(FeederEvent::Attach(name.to_owned(), text.into_bytes()));
         };
-        let text = match (&file.text, self.known(&file.look)) {
+        let text = match (&file.text, self.known(&file.version)) {
             (Some(text), _) => ProgramText::Whole(text.as_slice().into()),
             (None, Some((_, Some(copy)))) => ProgramText::Copy(copy),
-            (None, _) => ProgramText::Copy(ProgramCopy::begin(&file.look.file, folder)),
+            (None, _) => ProgramText::Copy(ProgramCopy::begin(&file.version.file, folder)),
         };
-        start.program = match (self.known(&file.look), start.is_mdi) {
+        start.program = match (self.known(&file.version), start.is_mdi) {
             (Some((name, _)), false) => name,
             _ => {
-                let path = &file.look.file;
+                let path = &file.version.file;
                 let name = path
                     .file_name()
                     .map_or_else(String::new, |name| plain_name(&name.to_string_lossy()));
@@ -79,7 +79,7 @@ impl JobNotes {
                     ),
                 };
                 let _gone = recorder.send(news);
-                self.program = Some((file.look.clone(), name.clone(), copy));
+                self.program = Some((file.version.clone(), name.clone(), copy));
                 name
             }
         };
@@ -106,9 +106,9 @@ impl JobNotes {
         folder
     }
 
-    fn known(&self, look: &Look) -> Option<(String, Option<Arc<ProgramCopy>>)> {
+    fn known(&self, version: &FileVersion) -> Option<(String, Option<Arc<ProgramCopy>>)> {
         let (known, name, copy) = self.program.as_ref()?;
-        (look == known).then(|| (name.clone(), copy.clone()))
+        (version == known).then(|| (name.clone(), copy.clone()))
     }
 
     /// The plan goes to the cycle with this order.

@@ -85,7 +85,7 @@ impl TraceSeries {
             let Some(name) = name.to_str() else { continue };
             if self.is_own(name) && entry.file_type()?.is_file() {
                 // A file that has just been renamed has no size any more.
-                let bytes = entry.metadata().map_or(0, |facts| facts.len());
+                let bytes = entry.metadata().map_or(0, |metadata| metadata.len());
                 files.push((entry.path(), bytes));
             }
         }

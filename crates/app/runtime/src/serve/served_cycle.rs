@@ -79,13 +79,13 @@ impl ServedCycle {
     /// For tests: the guard stops the axes; the drives stay on.
     #[cfg(test)]
     pub(in crate::serve) fn quick_stops(&mut self) {
-        self.parts.station.emergency();
+        self.parts.generator.emergency();
     }
 }
 
 /// The cycle's state of the machine and its queues to the other threads, built before it starts.
 pub(crate) struct ServedParts {
-    pub station: SetpointGenerator,
+    pub generator: SetpointGenerator,
     pub limits: Limits,
     pub period_ns: u64,
     pub orders: Consumer<Order>,
@@ -244,7 +244,7 @@ impl SetpointSource for ServedCycle {
         if let (ActiveJob::Follow(job), None) = (&now.work, &now.excursion) {
             job.motion.note_driven(&mut parts.driven, &setpoint, is_switched);
         }
-        now.is_last = now.ending && now.is_idle() && parts.station.is_at_rest();
+        now.is_last = now.ending && now.is_idle() && parts.generator.is_at_rest();
         if now.is_last {
             setpoint.flags |= flags::LAST;
             now.drive.power = PowerRequest::Off;
@@ -299,7 +299,7 @@ impl SetpointSource for ServedCycle {
             late_cycles: end.counts.late_cycles,
             dropped_records: end.counts.dropped_records,
             dropped_setpoints: end.counts.dropped_setpoints,
-            at_rest: parts.station.is_at_rest() && now.is_idle(),
+            at_rest: parts.generator.is_at_rest() && now.is_idle(),
             at_wait: parts.signals.as_ref().is_some_and(SignalLoop::is_waiting),
             is_chain_open: parts.signals.as_ref().is_some_and(SignalLoop::is_estop_open),
             probe: parts.signals.as_ref().map(SignalLoop::probe).unwrap_or_default(),

@@ -39,7 +39,7 @@ impl StatusSource for ServedStatus {
         }
     }
 
-    fn look(&mut self, port: &mut StatusPort<'_>) {
+    fn poll(&mut self, port: &mut StatusPort<'_>) {
         while let Ok(mut snapshot) = self.snapshots.pop() {
             port.publish(&mut snapshot.status);
             if let Some(event) = snapshot.event {

@@ -142,7 +142,7 @@ impl Service {
         let parts = ServedParts {
             corrections: Corrections::new(machine, setup.period_ns, limits.home),
             probe: ProbeInput::default(),
-            station: SetpointGenerator::new(limits, setup.period_ns, limits.home),
+            generator: SetpointGenerator::new(limits, setup.period_ns, limits.home),
             limits,
             period_ns: setup.period_ns,
             orders: cycle_orders,
@@ -163,13 +163,13 @@ impl Service {
         }
 
         let view = wait_for_view(&mut views)?;
-        let keep = StateStore::open(setup.memory.clone(), &config.state_folder);
-        for complaint in &keep.complaints {
+        let store = StateStore::open(setup.memory.clone(), &config.state_folder);
+        for complaint in &store.complaints {
             tell(ServeNews::Note(complaint));
         }
         let operator = Operator::new(OperatorConfig {
             setup: setup.clone(),
-            keep,
+            store,
             folder: config.state_folder.clone(),
             orders,
             urgent,
@@ -209,12 +209,12 @@ impl Service {
             ..
         } = self.control;
         let view = operator.view;
-        let (accepted, rejected) = operator.desk.counts();
+        let (accepted, rejected) = operator.state.counts();
         let mut summary = ServeSummary {
             machine: config.setup.machine.name.clone(),
             cycles: view.setpoint.sequence + 1,
             rate_hz: config.setup.rate_hz(),
-            jobs: operator.desk.job(),
+            jobs: operator.state.job(),
             commands_accepted: accepted,
             commands_rejected: rejected + operator.malformed(),
             late_cycles: view.late_cycles.max(published.late),
@@ -222,11 +222,11 @@ impl Service {
             dropped_records: view.dropped_records,
             dropped_setpoints: view.dropped_setpoints + published.failed,
             clock: pulse.phase.figures(),
-            alarms: operator.desk.alarms().map(|(alarm, _)| alarm.number()).collect(),
+            alarms: operator.state.alarms().map(|(alarm, _)| alarm.number()).collect(),
             trace: None,
             notes: self.notes,
         };
-        operator.keep.close(READING_TIMEOUT);
+        operator.store.close(READING_TIMEOUT);
         // The recorder ends when all senders of events are gone, the publisher when the sender of setpoints
         // is gone.
         drop(operator);

@@ -120,7 +120,7 @@ impl SessionTrace {
     }
 
     /// Reports to the operator why the recorder has ended, and begins the next file when it is due.
-    pub(super) fn look(&mut self, operator: &mut Operator) {
+    pub(super) fn poll(&mut self, operator: &mut Operator) {
         for error in self.failures.try_iter() {
             operator.trace_failed(&error.to_string());
         }

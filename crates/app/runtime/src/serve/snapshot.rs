@@ -67,19 +67,19 @@ pub(crate) struct Mark {
 
 impl Mark {
     pub(crate) fn of(operator: &Operator) -> Self {
-        let desk = &operator.desk;
+        let state = &operator.state;
         Self {
             state: operator.view.setpoint.state,
-            machine: desk.machine() as u32,
-            mode: desk.mode() as u32,
-            activity: desk.activity() as u32,
-            job: desk.job(),
-            result: desk.result() as u32,
-            alarms: desk.alarms().count() as u32,
+            machine: state.machine() as u32,
+            mode: state.mode() as u32,
+            activity: state.activity() as u32,
+            job: state.job(),
+            result: state.result() as u32,
+            alarms: state.alarms().count() as u32,
             power: operator.view.power,
             switches: switches(operator),
-            homed: desk.homed(),
-            accepted: desk.counts().0,
+            homed: state.homed(),
+            accepted: state.counts().0,
             // The status is the only message that switches spindle and coolant, so their changes must not
             // wait.
             periphery: *operator.periphery.now(),
@@ -103,11 +103,11 @@ impl Mark {
 }
 
 fn switches(operator: &Operator) -> u32 {
-    let desk = &operator.desk;
+    let state = &operator.state;
     let bits = [
-        (desk.is_single_step(), switches::SINGLE_STEP),
-        (desk.is_optional_stop(), switches::OPTIONAL_STOP),
-        (desk.is_block_delete(), switches::BLOCK_DELETE),
+        (state.is_single_step(), switches::SINGLE_STEP),
+        (state.is_optional_stop(), switches::OPTIONAL_STOP),
+        (state.is_block_delete(), switches::BLOCK_DELETE),
         (operator.is_holding(), switches::HOLD),
         (operator.view.is_chain_open, switches::CHAIN_OPEN),
         (operator.view.at_wait, switches::INPUT_WAIT),
@@ -131,7 +131,7 @@ pub(crate) fn snapshot(
     sequence: u64,
     now_ns: u64,
 ) -> Status {
-    let (desk, view, modal) = (&operator.desk, &operator.view, &operator.program.modes.modal);
+    let (state, view, modal) = (&operator.state, &operator.view, &operator.program.modes.modal);
     let setpoint = &view.setpoint;
     let periphery = operator.periphery.now();
     let (tool_change, tool_wanted) = periphery.change_numbers();
@@ -156,12 +156,12 @@ pub(crate) fn snapshot(
         cycles: setpoint.sequence + 1,
         period_ns: operator.setup.period_ns,
         state: setpoint.state as u32,
-        mode: desk.mode() as u32,
-        machine_state: desk.machine() as u32,
+        mode: state.mode() as u32,
+        machine_state: state.machine() as u32,
         flags: setpoint.flags & !flags::LATE,
         line: setpoint.line.saturating_sub(operator.lines_before()),
         axes_mask: operator.present().bits(),
-        homed_mask: desk.homed().bits(),
+        homed_mask: state.homed().bits(),
         tool: periphery.tool,
         work_system: modal.work_system,
         setpoint_subscribers: published.1 as u32,
@@ -172,9 +172,9 @@ pub(crate) fn snapshot(
         tool_offset: modal.tool_offset.into(),
         path_mm: setpoint.path_mm,
         feed_mm_s: setpoint.feed_mm_s,
-        override_ratio: desk.overrides()[0],
-        rapid_override_ratio: desk.overrides()[1],
-        spindle_override_ratio: desk.overrides()[2],
+        override_ratio: state.overrides()[0],
+        rapid_override_ratio: state.overrides()[1],
+        spindle_override_ratio: state.overrides()[2],
         spindle_rpm: shown_rpm(
             &periphery.outputs,
             setpoint.position[0],
@@ -185,9 +185,9 @@ pub(crate) fn snapshot(
         dropped_records: view.dropped_records,
         dropped_setpoints: view.dropped_setpoints + published.0.failed,
         wake_lateness_ns: view.lateness_ns,
-        activity: desk.activity() as u32,
-        job_result: desk.result() as u32,
-        job: desk.job(),
+        activity: state.activity() as u32,
+        job_result: state.result() as u32,
+        job: state.job(),
         switches: switches(operator),
         power: view.power.number(),
         coolant: periphery.coolant_bits(),
@@ -196,8 +196,8 @@ pub(crate) fn snapshot(
         modal: modal.codes,
         home_offset: operator.drives.home_offset.into(),
         feedback_age_ns: u64::MAX,
-        commands_accepted: desk.counts().0,
-        commands_rejected: desk.counts().1 + operator.malformed(),
+        commands_accepted: state.counts().0,
+        commands_rejected: state.counts().1 + operator.malformed(),
         ..Status::default()
     };
     add_timing(&mut status, pulse);
@@ -220,16 +220,16 @@ pub(crate) fn snapshot(
         show_feedback(&mut status, feedback, now_ns);
     }
     show_within_turn(&mut status, operator.unlimited);
-    status.set_program(desk.program().unwrap_or_default());
+    status.set_program(state.program().unwrap_or_default());
     status.set_message(operator.message.text());
-    for (alarm, _) in desk.alarms() {
+    for (alarm, _) in state.alarms() {
         status.push_alarm(alarm.number());
     }
-    if let Some((_, text)) = desk.alarms().next() {
+    if let Some((_, text)) = state.alarms().next() {
         status.set_alarm_text(text);
     }
-    if desk.unlisted_alarms() > 0 {
-        status.alarm_count = (MAX_ALARMS as u32).saturating_add(desk.unlisted_alarms());
+    if state.unlisted_alarms() > 0 {
+        status.alarm_count = (MAX_ALARMS as u32).saturating_add(state.unlisted_alarms());
     }
     status
 }

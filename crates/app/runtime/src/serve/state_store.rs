@@ -275,18 +275,18 @@ mod tests {
     fn offsets_tools_and_loaded_tool_survive_a_restart() {
         let folder = folder();
         let inner = folder.path().join("made/on/demand");
-        let mut keep = StateStore::open(ProgramMemory::default(), &inner);
+        let mut store = StateStore::open(ProgramMemory::default(), &inner);
         let offset = Axes::from_fn(|i, _| i as f64 + 0.1);
-        assert!(keep.memory.kept.as_mut().unwrap().set_work_offset(3, &offset));
-        keep.memory = keep.with_tool(&ToolEntry {
+        assert!(store.memory.kept.as_mut().unwrap().set_work_offset(3, &offset));
+        store.memory = store.with_tool(&ToolEntry {
             number: 7,
             axes: evolvent_path::AxisMask::one(2),
             offset: Axes::repeat(12.5),
             diameter_mm: Some(6.0),
         });
-        keep.tool = 7;
-        let saved = keep.save(keep.memory.clone()).recv().unwrap().unwrap();
-        keep.take_saved(saved);
+        store.tool = 7;
+        let saved = store.save(store.memory.clone()).recv().unwrap().unwrap();
+        store.take_saved(saved);
         let again = StateStore::open(ProgramMemory::default(), &inner);
         assert_eq!(again.memory.kept.as_ref().unwrap().work_offset(3), offset);
         let tool = again.memory.tools.as_ref().unwrap().get(7).copied().unwrap();
@@ -303,14 +303,14 @@ mod tests {
         let folder = folder();
         std::fs::write(folder.path().join("parameters.var"), "rubbish").unwrap();
         std::fs::write(folder.path().join("tools.tbl"), "rubbish").unwrap();
-        let keep = StateStore::open(ProgramMemory::default(), folder.path());
-        assert_eq!(keep.complaints.len(), 2, "{:?}", keep.complaints);
+        let store = StateStore::open(ProgramMemory::default(), folder.path());
+        assert_eq!(store.complaints.len(), 2, "{:?}", store.complaints);
         assert!(folder.path().join("parameters.var.damaged").exists());
         assert!(folder.path().join("tools.tbl.damaged").exists());
-        assert!(keep.memory.kept.is_some() && keep.memory.tools.is_some());
+        assert!(store.memory.kept.is_some() && store.memory.tools.is_some());
         // The damaged file stored the tool in the spindle, so the tool is unknown, also after another
         // restart.
-        assert_eq!(keep.change, Some(ChangeMark::UNKNOWN));
+        assert_eq!(store.change, Some(ChangeMark::UNKNOWN));
         let again = StateStore::open(ProgramMemory::default(), folder.path());
         assert_eq!(
             (again.change, again.complaints.len()),

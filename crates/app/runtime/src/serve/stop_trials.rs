@@ -33,7 +33,7 @@ impl Bench {
 
     /// The numbers of the alarms in force, oldest first.
     fn alarms(&self) -> Vec<u32> {
-        (self.operator.desk.alarms())
+        (self.operator.state.alarms())
             .map(|(alarm, _)| alarm.number())
             .collect()
     }
@@ -59,7 +59,7 @@ impl Bench {
         let begun = Instant::now();
         while self.last.velocity[0] < 35.0 {
             let _answer = self.operator.finish_reading(self.now);
-            self.runs_seen(1);
+            self.runs_and_ticks(1);
             std::thread::sleep(Duration::from_micros(200));
             assert!(begun.elapsed() < PATIENCE, "it does not move: {:?}", self.last);
         }
@@ -71,28 +71,28 @@ impl Bench {
 fn a_later_drive_fault_is_listed_and_powers_off() {
     let mut bench = Bench::with_drives(X);
     bench.jogs();
-    bench.runs_seen(200);
+    bench.runs_and_ticks(200);
     assert!(bench.last.velocity[0] > 40.0, "{:?}", bench.last);
     bench.has_another_fault();
     bench.drives.has_fault = true;
-    bench.runs_seen(1);
+    bench.runs_and_ticks(1);
     assert_eq!(bench.power, PowerRequest::QuickStop);
-    bench.runs_seen(1000);
+    bench.runs_and_ticks(1000);
     assert_eq!(bench.alarms(), [300, 406]);
     assert_eq!(
-        (bench.operator.desk.machine(), bench.power),
+        (bench.operator.state.machine(), bench.power),
         (MachineState::Off, PowerRequest::Off)
     );
     // Nothing moves until the machine is switched on again.
     bench.drives.has_fault = false;
     assert!(bench.says(1, bench.command(CommandCode::Reset)));
-    bench.runs_seen(5);
+    bench.runs_and_ticks(5);
     assert!(!bench.says(1, bench.jog(1.0)), "drives without power");
     assert!(bench.says(1, bench.command(CommandCode::On)));
-    bench.runs_seen(10);
+    bench.runs_and_ticks(10);
     assert!(bench.says(1, bench.jog(1.0)));
     bench.drives.has_fault = true;
-    bench.runs_seen(1000);
+    bench.runs_and_ticks(1000);
     assert_eq!(bench.alarms(), [406], "each time that power is on");
 }
 
@@ -101,17 +101,17 @@ fn a_later_drive_fault_is_listed_and_powers_off() {
 fn an_axis_blocked_after_a_fault_stops_and_powers_off() {
     let mut bench = Bench::with_drives(X);
     bench.jogs();
-    bench.runs_seen(200);
+    bench.runs_and_ticks(200);
     bench.has_another_fault();
     bench.drives.is_blocked = true;
-    bench.runs_seen(1000);
+    bench.runs_and_ticks(1000);
     let alarms = bench.alarms();
     assert!(
         matches!(alarms[..], [300, 403 | 410]),
         "the alarm of the drives is listed: {alarms:?}"
     );
     assert_eq!(
-        (bench.operator.desk.machine(), bench.power),
+        (bench.operator.state.machine(), bench.power),
         (MachineState::Off, PowerRequest::Off)
     );
 }
@@ -121,16 +121,16 @@ fn an_axis_blocked_after_a_fault_stops_and_powers_off() {
 fn a_drive_fault_turns_a_path_stop_into_a_quick_stop() {
     let mut bench = Bench::with_drives(X);
     bench.jogs();
-    bench.runs_seen(200);
+    bench.runs_and_ticks(200);
     bench.drives.is_blocked = true;
     while bench.alarms().is_empty() {
-        bench.runs_seen(1);
+        bench.runs_and_ticks(1);
     }
     assert_eq!(bench.power, PowerRequest::On, "it stops on the path");
     bench.drives.has_fault = true;
-    bench.runs_seen(1);
+    bench.runs_and_ticks(1);
     assert_eq!(bench.power, PowerRequest::QuickStop);
-    bench.runs_seen(1000);
+    bench.runs_and_ticks(1000);
     assert_eq!(bench.alarms().last(), Some(&Alarm::DriveFault.number()));
     assert_eq!(bench.power, PowerRequest::Off);
 }
@@ -139,11 +139,11 @@ fn a_drive_fault_turns_a_path_stop_into_a_quick_stop() {
 #[test]
 fn a_desk_whose_drives_have_no_power_is_off() {
     let mut bench = Bench::with_drives(X);
-    assert_eq!(bench.operator.desk.machine(), MachineState::On);
+    assert_eq!(bench.operator.state.machine(), MachineState::On);
     bench.operator.view.power = PowerRequest::Off;
     // No new view arrives.
     bench.ticks();
-    assert_eq!(bench.operator.desk.machine(), MachineState::Off);
+    assert_eq!(bench.operator.state.machine(), MachineState::Off);
 }
 
 /// The chain opens in the cycle before the one that takes the order, and the operator does not know it.
@@ -154,9 +154,9 @@ fn a_jog_ordered_as_the_chain_opens_does_not_start() {
     bench.runs(1);
     bench.jogs();
     let here = bench.last.position;
-    bench.runs_seen(300);
+    bench.runs_and_ticks(300);
     assert_eq!(bench.last.position, here);
-    assert_eq!(bench.operator.desk.machine(), MachineState::Estop);
+    assert_eq!(bench.operator.state.machine(), MachineState::Estop);
     assert_eq!(bench.alarms(), [Alarm::EmergencyStopChain.number()]);
     assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
 }
@@ -167,14 +167,14 @@ fn off_while_the_axes_still_stop_takes_power_at_rest() {
     for is_emergency in [true, false] {
         let mut bench = Bench::with_drives(X);
         bench.jogs();
-        bench.runs_seen(300);
+        bench.runs_and_ticks(300);
         if is_emergency {
             assert!(bench.says(2, bench.command(CommandCode::Estop)));
         } else {
             // A fault found by the guard: the drives stay on and follow.
             bench.cycle.quick_stops();
         }
-        bench.runs_seen(2);
+        bench.runs_and_ticks(2);
         assert!(bench.last.velocity[0] > 20.0, "{:?}", bench.last);
         assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
         assert!(bench.says(2, bench.command(CommandCode::Off)), "OFF");
@@ -183,7 +183,7 @@ fn off_while_the_axes_still_stop_takes_power_at_rest() {
         assert!(!bench.says(2, touch_off), "touched off on the way");
         let mut has_power = true;
         for _ in 0..300 {
-            bench.runs_seen(1);
+            bench.runs_and_ticks(1);
             let moves = bench.last.velocity[0] != 0.0;
             assert!(!moves || bench.power != PowerRequest::Off, "{:?}", bench.last);
             has_power = bench.power != PowerRequest::Off;
@@ -201,7 +201,7 @@ fn a_job_denied_by_emergency_stop_raises_no_alarm() {
     bench.jogs();
     // As if the cycle had taken the emergency stop before the jog.
     bench.cycle.fall_into_estop();
-    bench.runs_seen(2);
+    bench.runs_and_ticks(2);
     assert!(bench.alarms().is_empty(), "{:?}", bench.alarms());
     assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
 }
@@ -211,17 +211,17 @@ fn a_job_denied_by_emergency_stop_raises_no_alarm() {
 fn emergency_stop_in_a_flood_acts_in_the_next_cycle() {
     let mut bench = Bench::new();
     bench.jogs();
-    bench.runs_seen(200);
+    bench.runs_and_ticks(200);
     for number in 0..3000_u32 {
         let mut turn = bench.command(CommandCode::FeedOverride);
         turn.amount = 0.5 + f64::from(number % 50) / 100.0;
         assert!(bench.says(2 + u64::from(number % 3), turn), "{number}");
     }
     assert!(bench.says(1, bench.command(CommandCode::Estop)));
-    bench.runs_seen(1);
+    bench.runs_and_ticks(1);
     assert_eq!(bench.power, PowerRequest::QuickStop);
-    assert_eq!(bench.operator.desk.machine(), MachineState::Estop);
-    bench.runs_seen(300);
+    assert_eq!(bench.operator.state.machine(), MachineState::Estop);
+    bench.runs_and_ticks(300);
     assert_eq!((bench.last.velocity[0], bench.power), (0.0, PowerRequest::Off));
     // The newest one is in force.
     assert_eq!(bench.last.feed_override, 0.99);
@@ -236,22 +236,22 @@ fn a_flood_of_holds_causes_no_emergency_stop() {
     for moves_away in [false, true, true] {
         if moves_away {
             assert!(bench.says(1, bench.jog(-50.0)), "JOG");
-            bench.runs_seen(200);
+            bench.runs_and_ticks(200);
             assert!(bench.last.velocity[0] < -40.0, "{:?}", bench.last);
         }
         for number in 0..3000_u64 {
             let code = [CommandCode::Hold, CommandCode::JogStop][(number % 2) as usize];
             assert!(bench.says(2 + number % 3, bench.command(code)), "{number}");
-            assert_eq!(bench.operator.desk.machine(), MachineState::On, "{number}");
+            assert_eq!(bench.operator.state.machine(), MachineState::On, "{number}");
         }
-        bench.runs_seen(300);
+        bench.runs_and_ticks(300);
         assert_eq!((bench.last.velocity[0], bench.power), (0.0, PowerRequest::On));
     }
     assert!(bench.alarms().is_empty());
     let mut back = bench.command(CommandCode::Return);
     back.amount = 50.0;
     assert!(bench.says(1, back), "RETURN");
-    bench.runs_seen(1500);
+    bench.runs_and_ticks(1500);
     assert!(bench.says(1, bench.command(CommandCode::Resume)), "RESUME");
     bench.comes_to_feed();
 }
@@ -261,19 +261,19 @@ fn a_flood_of_holds_causes_no_emergency_stop() {
 fn orders_around_an_emergency_stop_keep_their_order() {
     let mut bench = Bench::new();
     bench.jogs();
-    bench.runs_seen(100);
+    bench.runs_and_ticks(100);
     // The cycle takes both at once.
     assert!(bench.says(1, bench.command(CommandCode::On)));
     assert!(bench.says(2, bench.command(CommandCode::Estop)));
     bench.runs(1);
     assert_eq!(bench.power, PowerRequest::QuickStop);
-    bench.runs_seen(300);
+    bench.runs_and_ticks(300);
     for code in [CommandCode::EstopReset, CommandCode::On] {
         assert!(bench.says(1, bench.command(code)), "{code:?}");
     }
-    bench.runs_seen(10);
+    bench.runs_and_ticks(10);
     assert_eq!(
-        (bench.operator.desk.machine(), bench.power),
+        (bench.operator.state.machine(), bench.power),
         (MachineState::On, PowerRequest::On)
     );
     // Before the next cycle: reset and on again, then another emergency stop.
@@ -281,17 +281,17 @@ fn orders_around_an_emergency_stop_keep_their_order() {
     for code in [CommandCode::EstopReset, CommandCode::On, CommandCode::Estop] {
         assert!(bench.says(1, bench.command(code)), "{code:?}");
     }
-    bench.runs_seen(20);
+    bench.runs_and_ticks(20);
     assert_eq!(
-        (bench.operator.desk.machine(), bench.power),
+        (bench.operator.state.machine(), bench.power),
         (MachineState::Estop, PowerRequest::Off)
     );
     for code in [CommandCode::EstopReset, CommandCode::On] {
         assert!(bench.says(1, bench.command(code)), "{code:?}");
     }
-    bench.runs_seen(20);
+    bench.runs_and_ticks(20);
     assert!(bench.says(1, bench.jog(5.0)));
-    bench.runs_seen(500);
+    bench.runs_and_ticks(500);
     assert!((bench.last.velocity[0], bench.alarms().len()) == (0.0, 0));
 }
 
@@ -302,12 +302,12 @@ fn a_jog_that_a_stop_has_overtaken_ends_as_stopped() {
     let here = bench.last.position;
     bench.jogs();
     assert!(bench.says(2, bench.command(CommandCode::Stop)));
-    bench.runs_seen(3);
+    bench.runs_and_ticks(3);
     assert!(matches!(bench.operator.job, Job::None));
-    assert_eq!(bench.operator.desk.result(), JobResult::Stopped);
+    assert_eq!(bench.operator.state.result(), JobResult::Stopped);
     assert!(bench.alarms().is_empty());
     bench.jogs();
-    bench.runs_seen(10);
+    bench.runs_and_ticks(10);
     assert_ne!(bench.last.position, here, "a later jog begins");
 }
 
@@ -316,10 +316,10 @@ fn a_jog_that_a_stop_has_overtaken_ends_as_stopped() {
 fn orders_that_do_not_fit_cause_an_emergency_stop() {
     let mut bench = Bench::new();
     bench.jogs();
-    bench.runs_seen(200);
+    bench.runs_and_ticks(200);
     let (mut accepted, mut number) = (0, 0);
     // Each keep-alive of a jog is an order; nothing else limits their number here.
-    while bench.operator.desk.machine() == MachineState::On {
+    while bench.operator.state.machine() == MachineState::On {
         bench.operator.order(CycleCommand::KeepJogging(u64::MAX));
         accepted += u64::from(bench.says(2, bench.command(CommandCode::JogKeep)));
         number += 1;
@@ -330,11 +330,11 @@ fn orders_that_do_not_fit_cause_an_emergency_stop() {
     assert_eq!(bench.alarms(), [Alarm::OrdersLost.number()]);
     bench.runs(1);
     assert_eq!(bench.power, PowerRequest::QuickStop);
-    bench.runs_seen(300);
+    bench.runs_and_ticks(300);
     assert_eq!((bench.last.velocity[0], bench.power), (0.0, PowerRequest::Off));
     for code in [CommandCode::Reset, CommandCode::EstopReset, CommandCode::On] {
         assert!(bench.says(1, bench.command(code)), "{code:?}");
-        bench.runs_seen(10);
+        bench.runs_and_ticks(10);
     }
     assert!(bench.says(1, bench.jog(1.0)));
 }

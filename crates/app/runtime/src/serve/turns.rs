@@ -138,7 +138,7 @@ mod tests {
         let (periphery, _publisher) = mpsc::channel();
         let (setup, folder) = (setup(), tempfile::tempdir().unwrap());
         let mut operator = Operator::new(OperatorConfig {
-            keep: StateStore::open(setup.memory.clone(), folder.path()),
+            store: StateStore::open(setup.memory.clone(), folder.path()),
             setup,
             folder: folder.path().to_owned(),
             orders,

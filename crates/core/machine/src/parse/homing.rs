@@ -196,9 +196,8 @@ impl HomingKeys<'_> {
         format!("{name}_{}{suffix}", self.unit())
     }
 
-    fn number(&self, key: &str, value: f64, least: f64, most: f64) -> Result<(), MachineError> {
-        self.check
-            .number(&format!("{}.{key}", self.at), value, least, most)
+    fn number(&self, key: &str, value: f64, min: f64, max: f64) -> Result<(), MachineError> {
+        self.check.number(&format!("{}.{key}", self.at), value, min, max)
     }
 
     fn missing(&self, key: &str) -> MachineError {

@@ -38,7 +38,7 @@ struct Machine {
     seen: [(bool, u32); 2],
     /// The home switch of the gantry.
     is_home: bool,
-    ways: Vec<f64>,
+    travels: Vec<f64>,
     /// Index pulses are at `pulse` and every `pitch` from there.
     pulse: f64,
     pitch: f64,
@@ -130,7 +130,7 @@ impl Machine {
             filter: 0,
             seen: [(false, 0); 2],
             is_home: false,
-            ways: Vec::new(),
+            travels: Vec::new(),
             pulse: 0.0,
             pitch: 0.0,
             delay: Some(3),
@@ -160,7 +160,7 @@ impl Machine {
                 HomingAction::Wait => {}
                 HomingAction::Move { distance, speed, .. } => {
                     assert!(at_rest, "an order while it moves");
-                    self.ways.push(distance);
+                    self.travels.push(distance);
                     (self.target, self.speed) = (self.position + distance, speed);
                 }
                 HomingAction::Stop => self.target = self.position,
@@ -299,9 +299,9 @@ fn each_axis_searches_backs_off_latches_and_homes() {
     let mut homing = Homing::new(vec![y, AXIS], 1);
     // 1.1 of the travel for the search, half of it for backing off.
     for (axis, bit, search, back) in [(AXIS, 0b001, -880.0, 400.0), (y, 0b010, 550.0, -250.0)] {
-        let mut step = |closed: bool, at_rest: bool, place: f64| {
+        let mut step = |closed: bool, at_rest: bool, value: f64| {
             let mut position = Axes::from_element(-7.0);
-            position[axis.axis.index()] = place;
+            position[axis.axis.index()] = value;
             // The switches of other axes have no meaning.
             let switches = if closed { bit } else { !bit };
             homing.step(
@@ -367,8 +367,8 @@ fn with_index(when_opening: bool, direction: f64) -> (HomingAxis, f64) {
         ..AXIS
     };
     // Off the switch is towards larger coordinates if the switch is below.
-    let way = if when_opening { -direction } else { direction };
-    (axis, way * 2.5)
+    let step = if when_opening { -direction } else { direction };
+    (axis, step * 2.5)
 }
 
 #[test]

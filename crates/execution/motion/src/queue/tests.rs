@@ -76,7 +76,7 @@ fn a_step_that_was_not_left_open_is_not_linked() {
 fn a_reserved_place_is_occupied_by_its_linked_step() {
     let (mut producer, mut consumer) = plan_queue(|| false);
     producer.step(&dwell(0)).expect("room");
-    producer.keep_place().expect("room");
+    producer.reserve_link().expect("room");
     producer.commit(2);
     assert_eq!((consumer.occupant(0), consumer.occupant(1)), (Some(0), None));
     // The plan of a reply that is not taken over, and the step after the stop.
@@ -98,7 +98,7 @@ fn a_reserved_place_is_occupied_by_its_linked_step() {
 fn a_step_that_has_not_come_has_no_link_of_an_old_one() {
     let (mut producer, mut consumer) = plan_queue(|| false);
     let size = (PENDING_STEPS + READY_STEPS) as u64;
-    producer.keep_place().expect("room");
+    producer.reserve_link().expect("room");
     for k in 1..size {
         producer.step(&dwell(k as u32)).expect("room");
     }
@@ -121,15 +121,15 @@ fn a_failed_look_makes_later_looks_fail() {
     let (mut producer, mut consumer) = four();
     assert!(producer.link(1, 3));
     consumer.begin_cycle(Some(1));
-    assert!(consumer.look(true));
+    assert!(consumer.record_lookup(true));
     assert_eq!(
         consumer.settle_successor(1, false),
         (2, true),
         "the tail that was driven"
     );
     assert_eq!(consumer.claim_successor(1), (2, false));
-    assert!(!consumer.look(true));
-    assert_eq!(consumer.failed_look(), Some(1));
+    assert!(!consumer.record_lookup(true));
+    assert_eq!(consumer.failed_lookup(), Some(1));
 }
 
 #[test]
@@ -144,7 +144,7 @@ fn the_end_of_a_window_is_looked_at_once() {
     consumer.begin_cycle(Some(0));
     assert_eq!(consumer.settle_successor(3, false), (4, true), "a tail");
     assert_eq!(consumer.settle_successor(1, false), (3, false), "known already");
-    assert_eq!(consumer.failed_look(), Some(0));
+    assert_eq!(consumer.failed_lookup(), Some(0));
 }
 
 #[test]
@@ -154,14 +154,14 @@ fn a_stop_of_the_path_is_looked_at() {
     consumer.begin_cycle(Some(1));
     assert_eq!(consumer.settle_successor(2, true), (3, false));
     assert_eq!(consumer.settle_successor(3, true), (4, true));
-    assert_eq!(consumer.failed_look(), Some(1));
+    assert_eq!(consumer.failed_lookup(), Some(1));
 }
 
 #[test]
 fn answers_that_nobody_read_leave_room_for_the_next() {
     let (mut producer, mut consumer) = four();
     for id in 1..=2 * REQUESTS as u64 {
-        assert!(consumer.ask(request(id)));
+        assert!(consumer.send_request(request(id)));
         assert!(producer.request().is_some());
         producer.reply(ReplanReply { id, step: Some(3) });
     }
@@ -257,7 +257,7 @@ fn an_ended_planner_is_noticed_and_its_steps_remain() {
 fn only_the_last_request_is_open_and_answered() {
     let (mut producer, mut consumer) = four();
     assert_eq!(producer.request(), None);
-    assert!(consumer.ask(request(1)) && consumer.ask(request(2)));
+    assert!(consumer.send_request(request(1)) && consumer.send_request(request(2)));
     assert_eq!(producer.request(), Some(request(2)));
     assert_eq!(producer.request(), None, "asked once");
     for id in [1, 2] {
@@ -278,6 +278,8 @@ fn only_the_last_request_is_open_and_answered() {
 #[test]
 fn requests_are_rejected_when_their_queue_is_full() {
     let (_producer, mut consumer) = four();
-    let sent = (1..=20).take_while(|&id| consumer.ask(request(id))).count();
+    let sent = (1..=20)
+        .take_while(|&id| consumer.send_request(request(id)))
+        .count();
     assert_eq!(sent, REQUESTS);
 }

@@ -49,9 +49,9 @@ macro_rules! forward_to_sink {
             self.sink.leave_open(from);
         }
     };
-    (@ keep_place) => {
-        fn keep_place(&mut self) -> Result<(), evolvent_motion::QueueClosed> {
-            self.sink.keep_place()
+    (@ reserve_link) => {
+        fn reserve_link(&mut self) -> Result<(), evolvent_motion::QueueClosed> {
+            self.sink.reserve_link()
         }
     };
     (@ link) => {
@@ -410,7 +410,7 @@ pub fn ratios(scenario: &Scenario, setpoints: &[Setpoint]) -> [f64; 3] {
             setpoints[k as usize].position
         }
     };
-    let mut most = [0.0_f64; 3];
+    let mut max = [0.0_f64; 3];
     for k in 0..setpoints.len() as isize {
         let near_joint = (k - 2..=k).any(|j| j >= 0 && setpoints[j as usize].flags & flags::JOINT != 0);
         for i in 0..AXES {
@@ -419,15 +419,15 @@ pub fn ratios(scenario: &Scenario, setpoints: &[Setpoint]) -> [f64; 3] {
                 2 => at(k)[i] - 2.0 * at(k - 1)[i] + at(k - 2)[i],
                 _ => at(k)[i] - 3.0 * at(k - 1)[i] + 3.0 * at(k - 2)[i] - at(k - 3)[i],
             };
-            most[0] = most[0].max(d(1).abs() * rate / scenario.limits.velocity[i]);
+            max[0] = max[0].max(d(1).abs() * rate / scenario.limits.velocity[i]);
             if !near_joint {
                 let noise = 8.0 * f64::EPSILON * at(k)[i].abs() * rate.powi(3);
-                most[1] = most[1].max(d(2).abs() * rate.powi(2) / scenario.limits.acceleration[i]);
-                most[2] = most[2].max((d(3).abs() * rate.powi(3) - noise) / scenario.limits.jerk[i]);
+                max[1] = max[1].max(d(2).abs() * rate.powi(2) / scenario.limits.acceleration[i]);
+                max[2] = max[2].max((d(3).abs() * rate.powi(3) - noise) / scenario.limits.jerk[i]);
             }
         }
     }
-    most
+    max
 }
 
 /// Distance of XYZ from the nearest programmed point near block `block`.

@@ -78,8 +78,8 @@ impl Track {
                 Trouble::Load(at, ratio) if now >= at => self.wanted * (1.0 - ratio),
                 _ => self.wanted,
             };
-            let most = spindle.torque * STEP_S;
-            self.speed += (wanted - self.speed).clamp(-most, most);
+            let max = spindle.torque * STEP_S;
+            self.speed += (wanted - self.speed).clamp(-max, max);
             let last = *self.turns.last().expect("one");
             let even = 1.0 + spindle.ripple * (spindle.order * TAU * last).sin();
             self.turns.push(last + self.speed * even * STEP_S);
@@ -135,7 +135,7 @@ fn run(
         .expect("room");
     planner.rest(&Step::Thread { line: 2 }).expect("room");
     planner.poll().expect("taken");
-    let way = pass.turns_per_s.signum();
+    let direction = pass.turns_per_s.signum();
     let mut track = Track::new(spindle);
     let (mut all, mut result) = (Vec::<Setpoint>::new(), None);
     let (mut sampled, mut allocations, mut actions, mut seen) = (0_u64, 0, 0, f64::NEG_INFINITY);
@@ -165,7 +165,7 @@ fn run(
             if matches!(trouble, Trouble::Silent(at) if time_s >= at) {
                 continue;
             }
-            let angle = way * track.at(time_s);
+            let angle = direction * track.at(time_s);
             seen = f64::max(seen, angle.abs());
             image.set_spindle(
                 0,
@@ -194,14 +194,14 @@ fn run(
         actions = setpoint.actions;
         all.push(setpoint);
         if result.is_none()
-            && let Some(told) = threadings.result()
+            && let Some(reported) = threadings.result()
         {
-            result = Some(told);
+            result = Some(reported);
             pass_end = all.len();
-            planner.set_position(&told.stands_at);
-            let mut away = told.stands_at;
+            planner.set_position(&reported.stop_position);
+            let mut away = reported.stop_position;
             away[0] += 3.0;
-            let line = Line::new(told.stands_at, away).expect("two points");
+            let line = Line::new(reported.stop_position, away).expect("two points");
             let away = Move {
                 curve: Curve::Line(line),
                 kind: MoveKind::Rapid,

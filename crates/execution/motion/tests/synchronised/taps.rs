@@ -35,7 +35,7 @@ fn a_tap_goes_in_and_out_in_phase_to_its_depth() {
         );
         let result = outcome.result.expect("a result");
         assert_eq!(result.verdict, ThreadVerdict::Done);
-        assert_eq!(result.stands_at, pass.start);
+        assert_eq!(result.stop_position, pass.start);
         assert_eq!(outcome.all.last().expect("one").actions, 2);
         assert_within(&outcome.all, &lathe(), 1_000_000, "tap");
         let run_in = pass.check(&lathe(), 1e-3).expect("room");
@@ -113,7 +113,7 @@ fn a_tap_whose_spindle_does_not_turn_back_stops() {
         let result = outcome.result.expect("a result");
         assert_eq!(result.verdict, ThreadVerdict::NotTurnedBack);
         // Two turns, the braking distance or half a second, and the stop.
-        assert!((-23.0..-15.0).contains(&result.stands_at[2]), "{result:?}");
+        assert!((-23.0..-15.0).contains(&result.stop_position[2]), "{result:?}");
         assert_within(&outcome.all, &lathe(), 1_000_000, "stubborn");
     }
 }

@@ -21,7 +21,7 @@ fn error_of_a_pass(spindle: &Spindle, pitch: f64, what: &str) -> f64 {
     assert_eq!(outcome.state, MotionState::Done, "{what}");
     let result = outcome.result.expect("a result");
     assert_eq!(result.verdict, ThreadVerdict::Done, "{what}");
-    assert_eq!(result.stands_at[2], -30.0, "{what}");
+    assert_eq!(result.stop_position[2], -30.0, "{what}");
     assert_within(&outcome.all, &lathe(), 1_000_000, what);
     let (error, _) = phase_error(&outcome, &pass, pitch, run_in, 1_000_000);
     error
@@ -51,8 +51,8 @@ fn a_thread_is_in_phase_on_uneven_spindles() {
                 let amplitude = pitch * ripple / (TAU * order);
                 let rate = TAU * order * spindle.rev_s;
                 let left_out = (amplitude - 0.3 * 100_000.0 / rate.powi(3)).max(0.0);
-                let most = (0.002 + pitch / counts).max(left_out + 0.001);
-                assert!(error <= most, "{what}: {error} mm");
+                let max = (0.002 + pitch / counts).max(left_out + 0.001);
+                assert!(error <= max, "{what}: {error} mm");
             }
         }
     }
@@ -227,20 +227,20 @@ fn random_threads_keep_every_limit() {
         assert_eq!(outcome.allocations, 0, "{what}");
         assert_within(&outcome.all, &machine, period_ns, &what);
         let fits = pass.check(&machine, period_ns as f64 * 1e-9);
-        let (stands_at, gave_up) = match outcome.result {
+        let (stop_position, gave_up) = match outcome.result {
             None => (outcome.all.last().expect("setpoints").position, true),
             Some(result) => {
                 use ThreadVerdict::{Lost, OutOfPhase, Stalled};
                 let gave_up = matches!(result.verdict, Lost | Stalled | OutOfPhase);
-                (result.stands_at, gave_up)
+                (result.stop_position, gave_up)
             }
         };
         if let Some((axis, clear)) = pass.clear_at
             && gave_up
-            && stands_at != pass.start
+            && stop_position != pass.start
         {
             drawn_out += 1;
-            assert_eq!(stands_at[axis], clear, "{what}");
+            assert_eq!(stop_position[axis], clear, "{what}");
             assert!(outcome.result.is_none_or(|result| result.is_clear), "{what}");
         }
         match outcome.result.map(|result| result.verdict) {
@@ -261,9 +261,9 @@ fn random_threads_keep_every_limit() {
                     "{what}"
                 );
                 let moved = &outcome.all[..outcome.pass.end];
-                let stands = outcome.result.expect("one").stands_at;
+                let at_rest = outcome.result.expect("one").stop_position;
                 assert!(
-                    moved.is_empty() || stands == pass.start,
+                    moved.is_empty() || at_rest == pass.start,
                     "{what}: nothing has moved"
                 );
             }
@@ -310,7 +310,7 @@ fn a_lost_angle_ends_a_pass_and_blocks_the_next() {
     assert_eq!(result.verdict, ThreadVerdict::Lost);
     // 15 mm/s: 0.1 s until inputs are too old, and the stop.
     let silent_at = outcome.all[2000].position[2];
-    let farther = silent_at - result.stands_at[2];
+    let farther = silent_at - result.stop_position[2];
     assert!((1.0..3.0).contains(&farther), "{farther} mm");
     assert_within(&outcome.all, &lathe(), 1_000_000, "lost");
 }
@@ -346,7 +346,7 @@ fn an_override_of_the_spindle_is_followed_in_phase() {
         );
         let result = outcome.result.expect("a result");
         assert_eq!(
-            (result.verdict, result.stands_at[2]),
+            (result.verdict, result.stop_position[2]),
             (ThreadVerdict::Done, -60.0)
         );
         assert_within(&outcome.all, &lathe(), 1_000_000, "override");
@@ -410,7 +410,7 @@ fn a_spindle_stopped_before_the_run_in_ends_a_pass() {
             let outcome = drive(&pass, &spindle, Trouble::Stall(at));
             let result = outcome.result.expect("a result");
             assert_eq!(
-                (result.verdict, result.stands_at, result.worst_mm),
+                (result.verdict, result.stop_position, result.worst_mm),
                 (ThreadVerdict::Stalled, pass.start, 0.0),
                 "{tap:?}, {at} s"
             );

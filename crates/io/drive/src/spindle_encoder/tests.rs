@@ -202,7 +202,7 @@ fn absolute_encoder_is_indexed_at_first_reading() {
 
 #[test]
 fn the_speed_is_exact_at_any_speed() {
-    for (counts_per_turn, rpm, most) in [
+    for (counts_per_turn, rpm, max) in [
         (4096, 3000.0, 0.001),
         (4096, 300.0, 0.01),
         (4096, 30.0, 0.015),
@@ -223,7 +223,7 @@ fn the_speed_is_exact_at_any_speed() {
                     worst = worst.max((shaft.encoder.speed_rpm() / (sign * rpm) - 1.0).abs());
                 }
             }
-            assert!(worst <= most, "{counts_per_turn} counts, {rpm} rpm: {worst}");
+            assert!(worst <= max, "{counts_per_turn} counts, {rpm} rpm: {worst}");
         }
     }
 }

@@ -103,9 +103,9 @@ impl<'m> Cycle<'_, 'm> {
                     states: String::new(),
                 });
             }
-            let asked = ends.bus.stop.load(Ordering::Relaxed)
+            let stop_requested = ends.bus.stop.load(Ordering::Relaxed)
                 || ends.bus.period_ns.load(Ordering::Relaxed) != self.period_ns;
-            if asked && ending.is_none() {
+            if stop_requested && ending.is_none() {
                 self.drives.end();
                 self.signals.end();
                 ending = Some((now_ns, Ok(())));
@@ -262,9 +262,9 @@ impl<'m> Cycle<'_, 'm> {
         let spindles = spindles.filter(|(_, device)| device.spindle.is_some());
         let is_silent = self.signals.is_silent(now_ns) || !self.operational;
         let fault_reset = self.drives.fault_reset();
-        for (place, (device, _)) in spindles.clone().enumerate() {
-            let (wanted, layout) = (*self.signals.in_force(), self.layouts.spindles[place]);
-            let outputs = self.spindles[place].outputs(&wanted, is_silent, fault_reset, now_ns);
+        for (slot, (device, _)) in spindles.clone().enumerate() {
+            let (wanted, layout) = (*self.signals.in_force(), self.layouts.spindles[slot]);
+            let outputs = self.spindles[slot].outputs(&wanted, is_silent, fault_reset, now_ns);
             self.devices
                 .with_outputs(self.main, device, |image| layout.write(&outputs, image))
                 .map_err(internal)?;
@@ -336,14 +336,14 @@ impl<'m> Cycle<'_, 'm> {
             }
         }
         let sampled_ns = self.sampled_ns(now_ns);
-        for (place, (device, _)) in spindles.enumerate() {
-            let layout = self.layouts.spindles[place];
+        for (slot, (device, _)) in spindles.enumerate() {
+            let layout = self.layouts.spindles[slot];
             let inputs = self
                 .devices
                 .with_inputs(self.main, device, |image| layout.read(image))
                 .map_err(internal)?;
             if is_known(device) {
-                self.spindles[place].take(inputs, sampled_ns);
+                self.spindles[slot].take(inputs, sampled_ns);
             }
         }
         let judged = self.judge(&exchanged, ends);
@@ -496,21 +496,21 @@ impl<'m> Cycle<'_, 'm> {
                 let _full = ends.bus.notices.push(Notice::Squared { axis, by });
             }
         }
-        for (place, axis) in self.drives.axes().iter().enumerate() {
+        for (slot, axis) in self.drives.axes().iter().enumerate() {
             let (index, code) = (axis.index(), axis.error_code());
-            if code != 0 && self.reported[place] != code {
+            if code != 0 && self.reported[slot] != code {
                 let _full = ends.bus.notices.push(Notice::DriveFault { axis: index, code });
             }
-            self.reported[place] = code;
+            self.reported[slot] = code;
             let homing = axis.homing();
-            if homing != self.homing[place] {
+            if homing != self.homing[slot] {
                 let ended = matches!(homing, HomingProgress::Done | HomingProgress::Failed);
-                let runs = matches!(self.homing[place], HomingProgress::Running(_));
+                let runs = matches!(self.homing[slot], HomingProgress::Running(_));
                 if ended && runs {
                     let found = homing == HomingProgress::Done;
                     let _full = ends.bus.notices.push(Notice::Homed { axis: index, found });
                 }
-                self.homing[place] = homing;
+                self.homing[slot] = homing;
             }
         }
     }

@@ -30,7 +30,7 @@ pub(super) async fn start<'m>(
     network: &Network,
     period_ns: u64,
 ) -> Result<(Devices, Layouts, ReferenceClock), SessionError> {
-    let told = InterpolationTime::from_period_ns(period_ns)?;
+    let interpolation = InterpolationTime::from_period_ns(period_ns)?;
     let failed = |doing: &'static str| {
         move |error: Error| SessionError::Main {
             doing,
@@ -78,14 +78,18 @@ pub(super) async fn start<'m>(
             objects.write(*entry).await?;
         }
         if let Some(axis) = &device.axis {
-            layouts
-                .axes
-                .push(objects.set_up(axis.homing, axis.extras(), axis.map, told).await?);
+            layouts.axes.push(
+                objects
+                    .set_up(axis.homing, axis.extras(), axis.map, interpolation)
+                    .await?,
+            );
         }
         if let Some(spindle) = &device.spindle {
-            layouts
-                .spindles
-                .push(objects.set_up(None, spindle.extras(), spindle.map, told).await?);
+            layouts.spindles.push(
+                objects
+                    .set_up(None, spindle.extras(), spindle.map, interpolation)
+                    .await?,
+            );
         }
     }
     let mut has_clock = false;
@@ -230,9 +234,9 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
         homing: Option<HomingOnDrive>,
         extras: Extras,
         map: bool,
-        told: InterpolationTime,
+        interpolation: InterpolationTime,
     ) -> Result<PdoLayout, SessionError> {
-        for (sub_index, value) in [(1, told.value), (2, told.index as u8)] {
+        for (sub_index, value) in [(1, interpolation.value), (2, interpolation.index as u8)] {
             let written = self.subdevice.sdo_write(0x60C2, sub_index, value).await;
             match written {
                 // Drives that take the period from SYNC0 may lack this object.

@@ -3,7 +3,7 @@
 use super::{MAX_PINS, PWM_DIRECTION, PWM_ENABLE, PWM_OUT, Plan, PlanError, grow, module};
 use crate::board_settings::{BoardSettings, Pin};
 use crate::description::{Description, PinFunction, RELAY_REFERENCE, tag};
-use crate::field_pins::{InputPlace, OutputPlace, filter_place, output_place};
+use crate::field_pins::{InputLocation, OutputLocation, filter_location, output_location};
 
 impl Plan {
     /// Reserves all pins that the board file names, after those of the modules: outputs first, so that every
@@ -36,8 +36,8 @@ impl Plan {
             return Ok(());
         };
         let bit = found.field_bit(is_output, number)?;
-        if let Some(place) = self.remote_bits[usize::from(is_output)][remote].get_mut(number) {
-            *place = bit;
+        if let Some(location) = self.remote_bits[usize::from(is_output)][remote].get_mut(number) {
+            *location = bit;
         }
         Ok(())
     }
@@ -73,9 +73,9 @@ impl Plan {
                 wanted: "an input",
             });
         }
-        if let Some(place @ InputPlace::Filter { unit, bit }) = filter_place(function) {
+        if let Some(location @ InputLocation::Filter { unit, bit }) = filter_location(function) {
             self.field.use_filter(board, unit, bit, pin.slow)?;
-            self.reads[pin.pin] = Some(place);
+            self.reads[pin.pin] = Some(location);
         } else if pin.slow {
             return Err(PlanError::NoFilter { pin: pin.pin });
         }
@@ -95,7 +95,7 @@ impl Plan {
             return Err(PlanError::Taken { pin, by });
         }
         self.drivers.push((pin, by.to_owned()));
-        let (port, bit) = self.place(pin);
+        let (port, bit) = self.port_bit(pin);
         self.driven[port] |= 1 << bit;
         Ok((port, 1 << bit))
     }
@@ -105,12 +105,12 @@ impl Plan {
             return self.use_remote(remote, true, pin.pin);
         }
         let function = self.function(board, pin.pin)?;
-        let place = output_place(function);
+        let location = output_location(function);
         // Two connected outputs damage each other: an input of the firmware is driven by a receiver or
         // isolator. Outputs of unused modules may be used as plain outputs; isolated outputs only if the
         // bridge sets them.
         let has_module = matches!(function.tag, tag::RELAY | tag::SIMPLE_OUTPUT);
-        if function.is_input() || has_module && place.is_none() {
+        if function.is_input() || has_module && location.is_none() {
             return Err(PlanError::Function {
                 pin: pin.pin,
                 function: function.to_string(),
@@ -118,13 +118,13 @@ impl Plan {
             });
         }
         let (port, bit) = self.take(pin.pin, key)?;
-        let Some(place) = place else {
+        let Some(location) = location else {
             return Ok(());
         };
         self.alternate[port] |= bit;
-        self.sets[pin.pin] = Some(place);
-        match place {
-            OutputPlace::Relay { unit, .. } => {
+        self.sets[pin.pin] = Some(location);
+        match location {
+            OutputLocation::Relay { unit, .. } => {
                 if let Some(reference) = self.field.use_relay(board, unit)? {
                     self.function(board, reference)?;
                     let by = PinFunction {
@@ -139,8 +139,8 @@ impl Plan {
                     }
                 }
             }
-            OutputPlace::Simple { unit, .. } => self.field.use_simple(board, unit)?,
-            OutputPlace::Port { .. } | OutputPlace::Remote { .. } => {}
+            OutputLocation::Simple { unit, .. } => self.field.use_simple(board, unit)?,
+            OutputLocation::Port { .. } | OutputLocation::Remote { .. } => {}
         }
         Ok(())
     }

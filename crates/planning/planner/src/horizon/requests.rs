@@ -33,7 +33,7 @@ impl<S: PlanSink> Horizon<S> {
         }
         let Some((until, exit)) = self.window(&frontier) else {
             // The path may stop at this position up to rounding; otherwise more path will arrive.
-            let here = |rest: &RestPoint| rest.at <= frontier.place.interval;
+            let here = |rest: &RestPoint| rest.at <= frontier.position.interval;
             let at_rest = self.rests.get(frontier.rest).is_some_and(here);
             if at_rest {
                 self.reply(&request, None);
@@ -63,8 +63,8 @@ impl<S: PlanSink> Horizon<S> {
         let is_overtaken = newer.is_some() || self.is_withdrawn(request.id);
         // Replies that were never executed may have used the capacity reserved for others. Only the cycle
         // frees it, and it may be waiting for this reply, or for windows of the plan that it executes.
-        let room = steps + RESERVED_STEPS;
-        if is_overtaken || !self.sink.has_capacity(room, segments, marks) {
+        let capacity = steps + RESERVED_STEPS;
+        if is_overtaken || !self.sink.has_capacity(capacity, segments, marks) {
             self.windows.planned.append(&mut self.windows.cut);
             self.restore_optimizer();
             if is_overtaken {
@@ -78,7 +78,7 @@ impl<S: PlanSink> Horizon<S> {
         if self.frontier.link.is_none() && !self.frontier.is_waiting {
             // The successor of a stop follows its step: a cycle that continues as planned must not find the
             // reply there.
-            self.sink.keep_place()?;
+            self.sink.reserve_link()?;
             self.frontier.link = Some(self.appended);
             self.appended += 1;
             self.sink.commit(self.appended);
@@ -146,7 +146,7 @@ impl<S: PlanSink> Horizon<S> {
             .find(|&k| passed(&self.rests[k]))
             .map_or(0, |k| k + 1);
         // A position at the end of an interval is the start of the next.
-        let place = if x >= length {
+        let position = if x >= length {
             PathPosition {
                 interval: interval + 1,
                 x: 0.0,
@@ -155,7 +155,7 @@ impl<S: PlanSink> Horizon<S> {
             PathPosition { interval, x }
         };
         PlanFrontier {
-            place,
+            position,
             entry: if moving {
                 Entry::Moving {
                     v: request.v,

@@ -14,7 +14,7 @@ use crate::step::{ExitSpeeds, SegmentMarks};
 struct RequestingSink {
     recorder: Recorder,
     request: Option<ReplanRequest>,
-    looks: u32,
+    lookups: u32,
     replies: Vec<ReplanReply>,
 }
 
@@ -38,9 +38,9 @@ impl PlanSink for RequestingSink {
     }
 
     fn request(&mut self) -> Option<ReplanRequest> {
-        match self.looks.checked_sub(1) {
+        match self.lookups.checked_sub(1) {
             Some(left) => {
-                self.looks = left;
+                self.lookups = left;
                 None
             }
             None => self.request.take(),
@@ -127,10 +127,10 @@ fn an_impossible_request_keeps_the_solved_window() {
     let mut undisturbed = horizon(lines);
     undisturbed.rest(Step::End { line: 1 });
     undisturbed.advance().expect("plan");
-    for looks in 0..4 {
+    for lookups in 0..4 {
         let mut horizon = horizon(lines);
         horizon.rest(Step::End { line: 1 });
-        horizon.sink.looks = looks;
+        horizon.sink.lookups = lookups;
         horizon.sink.request = Some(ReplanRequest {
             id: 1,
             step: 0,
@@ -146,7 +146,7 @@ fn an_impossible_request_keeps_the_solved_window() {
         horizon.advance().expect("plan");
         assert_eq!(horizon.sink.replies, [ReplanReply { id: 1, step: None }]);
         let (steps, expected) = (&horizon.sink.recorder.steps, &undisturbed.sink.recorder.steps);
-        assert!(steps == expected, "asked at look {looks}");
+        assert!(steps == expected, "asked at look {lookups}");
     }
 }
 
@@ -155,8 +155,8 @@ fn a_planning_failure_reports_its_line() {
     let mut horizon = horizon(5);
     assert_eq!(horizon.failed_at(), None);
     horizon.failures = MAX_FAILURES + 1;
-    horizon.frontier.place.interval = horizon.grid.end() - 1;
+    horizon.frontier.position.interval = horizon.grid.end() - 1;
     assert_eq!(horizon.failed_at(), Some(4));
-    horizon.frontier.place.interval = horizon.grid.end();
+    horizon.frontier.position.interval = horizon.grid.end();
     assert_eq!(horizon.failed_at(), Some(0));
 }

@@ -315,10 +315,10 @@ impl JointOptimizer {
                     return None;
                 }
                 time += cell.width / (6.0 * law[0].sqrt());
-                let (mut metric, mut min, mut rooms) = (0.0, f64::INFINITY, 1.0);
+                let (mut metric, mut min, mut product_max) = (0.0, f64::INFINITY, 1.0);
                 let mut margin = |x: f64| {
                     min = min.min(x);
-                    rooms *= x;
+                    product_max *= x;
                 };
                 for d in 0..D {
                     let motion = cell.motion(end, law, &local[d], scales[d]);
@@ -339,7 +339,7 @@ impl JointOptimizer {
                 if !(min > 0.0) {
                     return None;
                 }
-                product *= rooms;
+                product *= product_max;
                 if product < 1e-150 {
                     logs += libm::log(product);
                     product = 1.0;

@@ -16,9 +16,9 @@ impl Smoother {
     pub(super) fn fall_back(&mut self, until: f64, out: &mut Vec<Output>) {
         self.tally.failures += 1;
         self.state = State::Exact;
-        if let Some(place) = self.offset_point.take() {
+        if let Some(position) = self.offset_point.take() {
             out.push(Output::Cap { speed: 0.0 });
-            self.return_to_program(place, out);
+            self.return_to_program(position, out);
             out.push(Output::Cap { speed: 0.0 });
             self.kept = self.cursor;
             self.departure.moving = false;
@@ -52,14 +52,14 @@ impl Smoother {
         }
     }
 
-    /// Returns straight to the programmed curve from `place`, which is within the tolerance of its programmed
+    /// Returns straight to the programmed curve from `position`, which is within the tolerance of its programmed
     /// point.
     ///
     /// On a straight segment the whole return is within the tolerance, because both ends are. On a curve its
     /// distance exceeds `(1 - s) e` by at most `b L^2 / 2 s (1 - s)`, where `s` is the fraction of its length
     /// `L`, `e` the distance at its start and `b` a bound of the second derivative: it stays below `e` if
     /// `b L^2 / 2` does.
-    fn return_to_program(&mut self, place: Axes, out: &mut Vec<Output>) {
+    fn return_to_program(&mut self, position: Axes, out: &mut Vec<Output>) {
         let mut number = self.chain.find(self.cursor);
         while let Some(segment) = self.chain.get(number)
             && segment.to - self.cursor <= MIN_LENGTH
@@ -69,7 +69,7 @@ impl Smoother {
         let Some(segment) = self.chain.get(number) else {
             return;
         };
-        let error = distance(&(place - segment.position(self.cursor)));
+        let error = distance(&(position - segment.position(self.cursor)));
         let mut length = segment.to - self.cursor;
         if !segment.straight {
             let from = (self.cursor - segment.from).max(0.0);
@@ -97,8 +97,8 @@ impl Smoother {
             } else {
                 segment.curve.end()
             };
-            let mut jet = Jet::at_rest(place);
-            jet.first = (end - place) / (to - self.cursor);
+            let mut jet = Jet::at_rest(position);
+            jet.first = (end - position) / (to - self.cursor);
             // A return without length is not needed: the curve continues from here.
             let Ok(spline) = Spline::new(&jet, end, to - self.cursor) else {
                 break;

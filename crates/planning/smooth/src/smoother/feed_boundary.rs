@@ -29,7 +29,7 @@ pub(super) struct FeedBoundary {
     reach: f64,
     /// The joint, and the normal of the bisecting plane; `None` if other axes tie the path to the parameter,
     /// or if the path reverses.
-    place: Axes,
+    position: Axes,
     normal: Option<Axes>,
 }
 
@@ -56,7 +56,7 @@ impl FeedBoundary {
                     segment: number,
                     parameter: segment.from,
                     reach,
-                    place: start.position,
+                    position: start.position,
                     normal: (!tied && normal.norm() > MIN_NORMAL).then_some(normal),
                 });
             }
@@ -79,7 +79,7 @@ impl FeedBoundary {
         if low >= high {
             return None;
         }
-        let behind = |u: f64| (piece.position(u - from) - self.place).dot(&normal) >= 0.0;
+        let behind = |u: f64| (piece.position(u - from) - self.position).dot(&normal) >= 0.0;
         if behind(low) {
             return Some(low);
         }

@@ -192,7 +192,7 @@ impl Smoother {
             let behind = match end {
                 _ if i + 1 < count => zone.jet(i + 1).position,
                 Some(EndCondition::Jet(jet)) => jet.position,
-                Some(EndCondition::Position(place)) => place,
+                Some(EndCondition::Position(position)) => position,
                 None => break,
             };
             let (from, to) = (zone.knot(i), zone.knot(i + 1));

@@ -204,14 +204,14 @@ pub fn involute(random: &mut Random, at: Axes, step: f64) -> Option<Curve> {
     };
     let outer = inner + random.log(0.05, 12.0);
     let turn = random.between(0.0, std::f64::consts::TAU);
-    let place = |phi: f64| {
+    let position = |phi: f64| {
         let (sin, cos) = (turn + handed * phi).sin_cos();
         [
             radius * (cos + handed * phi * sin),
             radius * (sin - handed * phi * cos),
         ]
     };
-    let (from, to) = (place(inner), place(outer));
+    let (from, to) = (position(inner), position(outer));
     let inward = random.unit() < 0.5;
     let (from, to) = if inward { (to, from) } else { (from, to) };
     let centre = [at[0] - from[0], at[1] - from[1]];
@@ -287,7 +287,7 @@ impl<'a> Programmed<'a> {
     }
 
     /// The minimum distance of a point from the path near `u`, in units of the tolerance there.
-    pub fn ratio(&self, place: &Axes, u: f64, reach: f64) -> f64 {
+    pub fn ratio(&self, position: &Axes, u: f64, reach: f64) -> f64 {
         let first = self.starts.partition_point(|&s| s < u - reach).saturating_sub(1);
         let mut min = f64::INFINITY;
         for k in first..self.blocks.len() {
@@ -296,7 +296,7 @@ impl<'a> Programmed<'a> {
             }
             let block = &self.blocks[k];
             let tolerance = block.tolerance.mm().max(1e-6);
-            let at = |x: f64| distance(&(place - block.curve.position(x))) / tolerance;
+            let at = |x: f64| distance(&(position - block.curve.position(x))) / tolerance;
             let length = block.curve.domain();
             let (low, high) = (
                 (u - reach - self.starts[k]).clamp(0.0, length),
@@ -406,8 +406,8 @@ pub fn check(blocks: &[ProgramMove], out: &[Output], samples: usize, what: &str)
                 );
                 for k in 0..samples {
                     let x = stretch.length * (k as f64 + 0.5) / samples as f64;
-                    let place = stretch.curve.position(stretch.from + x);
-                    let ratio = programmed.ratio(&place, u + x, 10.0 * max + 1e-6);
+                    let position = stretch.curve.position(stretch.from + x);
+                    let ratio = programmed.ratio(&position, u + x, 10.0 * max + 1e-6);
                     let near = programmed
                         .starts
                         .partition_point(|&s| s <= u + x)

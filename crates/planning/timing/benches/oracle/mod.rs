@@ -28,7 +28,7 @@ struct Station {
 }
 
 /// Offsets on a curve: dense where the tangent rotates rapidly, and at both ends.
-fn places(curve: &Curve, from: f64, length: f64, each: usize) -> Vec<f64> {
+fn parameters(curve: &Curve, from: f64, length: f64, each: usize) -> Vec<f64> {
     const FINE: usize = 2000;
     let density = |k: usize| {
         let x = (k as f64 + 0.5) / FINE as f64;
@@ -53,7 +53,7 @@ fn stations(path: &Path, each: usize) -> Vec<Station> {
     let mut marks: Vec<(f64, usize, f64)> = Vec::new();
     let mut begin = 0.0;
     for (part, (curve, from, length, _)) in path.parts.iter().enumerate() {
-        for x in places(curve, *from, *length, each) {
+        for x in parameters(curve, *from, *length, each) {
             marks.push((begin + x, part, from + x));
         }
         begin += length;

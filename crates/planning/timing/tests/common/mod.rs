@@ -60,8 +60,8 @@ impl Path {
                 break;
             };
             let turn = (right.jet(0.0).first - left.jet(left.domain()).first).norm();
-            let room = 0.499 * left.domain().min(right.domain());
-            let h = (16.0 / 3.0 * 0.98 * tolerance / turn.max(1e-9)).min(room);
+            let available = 0.499 * left.domain().min(right.domain());
+            let h = (16.0 / 3.0 * 0.98 * tolerance / turn.max(1e-9)).min(available);
             let cut = left.domain() - h;
             parts.push((*left, from, cut - from, feed));
             let blend = Blend::hermite(&left.jet(cut), &right.jet(h), 2.0 * h).expect("blend");

@@ -48,12 +48,12 @@ impl Circle {
             if values.iter().any(|value| value.norm().is_nan()) {
                 return None;
             }
-            let largest = values.iter().fold(0.0_f64, |most, value| most.max(value.norm()));
+            let largest = values.iter().fold(0.0_f64, |max, value| max.max(value.norm()));
             if largest >= 1e9 {
                 return None;
             }
             let coefficients = coefficients(&values);
-            let size = |part: &[f64]| part.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+            let size = |part: &[f64]| part.iter().fold(0.0_f64, |max, value| max.max(value.abs()));
             let tail = size(&coefficients[count - count / 8..]);
             // A truncated series falls steeply; rounding errors, which are larger if a motion grows and
             // decays within a period, do not.

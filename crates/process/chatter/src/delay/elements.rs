@@ -32,13 +32,13 @@ pub(super) struct Elements {
     states: usize,
     elements: Vec<Element>,
     /// The bound of `|p|`, which scales the terms.
-    most_p: f64,
+    max_p: f64,
 }
 
 enum Element {
     /// No tooth cuts: by rows.
     Free(Vec<f64>),
-    /// Terms of the power series in `-p / most_p`, each by rows.
+    /// Terms of the power series in `-p / max_p`, each by rows.
     Cutting(Vec<Vec<f64>>),
 }
 
@@ -48,7 +48,7 @@ pub(super) struct Strength {
     /// Mean over the period, 1/s per m of depth.
     pub(super) mean: f64,
     /// Maximum, 1/s per m of depth.
-    most: f64,
+    max: f64,
 }
 
 impl Strength {
@@ -57,7 +57,7 @@ impl Strength {
     pub(super) fn new(delay: &MillingDelay) -> Self {
         const POINTS: usize = 64;
         let impedance = |mode: &Mode| mode.stiffness_n_m / (std::f64::consts::TAU * mode.frequency_hz);
-        let (mut sum, mut most) = (0.0, 0.0_f64);
+        let (mut sum, mut max) = (0.0, 0.0_f64);
         for stretch in delay.stretches.iter().filter(|stretch| stretch.cuts) {
             let length = stretch.end - stretch.start;
             for k in 0..POINTS {
@@ -73,12 +73,12 @@ impl Strength {
                 }
                 let norm = libm::sqrt(square);
                 sum += norm * length / POINTS as f64;
-                most = most.max(norm);
+                max = max.max(norm);
             }
         }
         Self {
             mean: sum / delay.period_s,
-            most,
+            max,
         }
     }
 }
@@ -93,7 +93,7 @@ impl Elements {
 
     /// Number of elements in a section: at most one wave in each, including the effect of the cut, and a
     /// small force in each.
-    fn count(delay: &MillingDelay, stretch: &Stretch, strength: &Strength, most_p: f64) -> f64 {
+    fn count(delay: &MillingDelay, stretch: &Stretch, strength: &Strength, max_p: f64) -> f64 {
         let fastest = delay.modes.iter().map(|(mode, ..)| mode.frequency_hz);
         let turns = match delay.force {
             super::Force::Constant(_) => 0.0,
@@ -101,20 +101,20 @@ impl Elements {
         };
         let waves_s = fastest.fold(0.0, f64::max) + turns;
         let length = stretch.end - stretch.start;
-        libm::ceil((waves_s * length).max(0.5 * most_p * strength.most * length)).max(1.0)
+        libm::ceil((waves_s * length).max(0.5 * max_p * strength.max * length)).max(1.0)
     }
 
     /// Complex multiplications of one characteristic value.
-    pub(super) fn work(delay: &MillingDelay, strength: &Strength, most_p: f64) -> f64 {
+    pub(super) fn work(delay: &MillingDelay, strength: &Strength, max_p: f64) -> f64 {
         let states = delay.states() as f64;
         let cutting = delay.stretches.iter().filter(|stretch| stretch.cuts);
         let count: f64 = cutting
-            .map(|stretch| Self::count(delay, stretch, strength, most_p))
+            .map(|stretch| Self::count(delay, stretch, strength, max_p))
             .sum();
         count * states * states * (USUAL_TERMS + 6.0 * states)
     }
 
-    /// Computes the elements with `nodes` Gauss points each, for `|p|` up to `most_p`.
+    /// Computes the elements with `nodes` Gauss points each, for `|p|` up to `max_p`.
     ///
     /// # Errors
     /// A period with too many waves.
@@ -122,12 +122,12 @@ impl Elements {
         delay: &MillingDelay,
         strength: &Strength,
         nodes: usize,
-        most_p: f64,
+        max_p: f64,
     ) -> Result<Self, ChatterError> {
         let states = delay.states();
         let waves = Self::waves(delay);
-        let most_work = MAX_VALUE_WORK * (0.25 * (states * states) as f64).clamp(1.0, 10.0);
-        if Self::work(delay, strength, most_p) > most_work {
+        let max_work = MAX_VALUE_WORK * (0.25 * (states * states) as f64).clamp(1.0, 10.0);
+        if Self::work(delay, strength, max_p) > max_work {
             return Err(ChatterError::TooManyWaves {
                 waves,
                 modes: states / 2,
@@ -140,12 +140,12 @@ impl Elements {
                 elements.push(Element::Free(free(delay, length)));
                 continue;
             }
-            let count = Self::count(delay, stretch, strength, most_p);
+            let count = Self::count(delay, stretch, strength, max_p);
             let rule = ElementRule::new(delay, nodes, length / count);
             for k in 0..count as usize {
                 let start = stretch.start + k as f64 / count * length;
                 let terms = rule
-                    .terms(delay, start, most_p)
+                    .terms(delay, start, max_p)
                     .ok_or(ChatterError::Unresolved { waves })?;
                 elements.push(Element::Cutting(terms));
             }
@@ -153,21 +153,21 @@ impl Elements {
         Ok(Self {
             states,
             elements,
-            most_p,
+            max_p,
         })
     }
 
     /// Maximum growth of a motion within a period at a `p`.
     pub(super) fn growth(&self, p: C) -> f64 {
         let d = self.states;
-        let u = -p / self.most_p;
+        let u = -p / self.max_p;
         let mut map = vec![C::ZERO; d * d];
         for k in 0..d {
             map[k * d + k] = C::ONE;
         }
         let (mut own, mut next) = (map.clone(), map.clone());
         // Logarithms: the size since the beginning, its minimum, and the maximum growth since then.
-        let (mut size, mut least, mut most) = (0.0_f64, 0.0_f64, 0.0_f64);
+        let (mut size, mut min, mut max) = (0.0_f64, 0.0_f64, 0.0_f64);
         for element in &self.elements {
             for (k, row) in own.chunks_exact_mut(d).enumerate() {
                 row.fill(C::ZERO);
@@ -189,10 +189,10 @@ impl Elements {
                 *target = source / norm;
             }
             size += libm::log(norm);
-            least = least.min(size);
-            most = most.max(size - least);
+            min = min.min(size);
+            max = max.max(size - min);
         }
-        libm::exp(most)
+        libm::exp(max)
     }
 
     /// `det(1 - z M(p))`, with `M(p)` the map of the state over a period.
@@ -202,7 +202,7 @@ impl Elements {
     /// by 1e10.
     pub(super) fn determinant(&self, p: C, z: C) -> C {
         let d = self.states;
-        let u = -p / self.most_p;
+        let u = -p / self.max_p;
         let width = 3 * d;
         // Columns: the state in between, at the beginning, and at the end. Rows: the elements so far, the
         // next one.
@@ -387,9 +387,9 @@ impl ElementRule {
         }
     }
 
-    /// Terms of the power series in `-p / most_p` from a time of the period on; `None` if too many are
+    /// Terms of the power series in `-p / max_p` from a time of the period on; `None` if too many are
     /// needed.
-    fn terms(&self, delay: &MillingDelay, from: f64, most_p: f64) -> Option<Vec<Vec<f64>>> {
+    fn terms(&self, delay: &MillingDelay, from: f64, max_p: f64) -> Option<Vec<Vec<f64>>> {
         let (d, r, n) = (delay.states(), delay.directions, self.points.len());
         let factors: Vec<_> = self
             .points
@@ -409,7 +409,7 @@ impl ElementRule {
                         .zip(deflection.chunks_exact(d))
                         .zip(&factors)
                     {
-                        let factor = most_p * factors[row][column];
+                        let factor = max_p * factors[row][column];
                         for (force, deflection) in force.iter_mut().zip(deflection) {
                             *force += factor * deflection;
                         }
@@ -426,7 +426,7 @@ impl ElementRule {
                     }
                 }
             }
-            let size = term.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+            let size = term.iter().fold(0.0_f64, |max, x| max.max(x.abs()));
             if !size.is_finite() {
                 return None;
             }

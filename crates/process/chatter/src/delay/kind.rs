@@ -58,7 +58,7 @@ impl MillingDelay {
         };
         let part = libm::atan2(multiplier.im.abs(), multiplier.re) / std::f64::consts::TAU;
         let fastest = self.modes.iter().map(|(mode, ..)| mode.frequency_hz);
-        let most = 3.0 * fastest.fold(0.0, f64::max) * self.period_s;
+        let max = 3.0 * fastest.fold(0.0, f64::max) * self.period_s;
         // Distance of a frequency from closing the loop of the mean force: 1 + b h G (1 - 1 / mu) is singular
         // there.
         let mean = mean_factors(self, 0.0, self.period_s);
@@ -80,7 +80,7 @@ impl MillingDelay {
             turned
         };
         // Each multiplier of a pair has its own frequencies, a whole number of teeth apart.
-        let waves = (0..=most.min(1e6) as u32).flat_map(|k| {
+        let waves = (0..=max.min(1e6) as u32).flat_map(|k| {
             let k = f64::from(k);
             [(k + part, turned), (k + 1.0 - part, turned.conj())]
         });

@@ -41,27 +41,27 @@ struct Solver<'a> {
     nodes: usize,
     elements: Elements,
     /// Depth and radius of the circle for which the elements are valid.
-    most_m: f64,
+    max_m: f64,
     radius: f64,
 }
 
 impl<'a> Solver<'a> {
     fn new(delay: &'a MillingDelay, nodes: usize, depth: f64, radius: f64) -> Result<Self, ChatterError> {
         let strength = Strength::new(delay);
-        let most_m = 1.5 * depth;
-        let elements = Elements::new(delay, &strength, nodes, most_m * (1.0 + radius))?;
+        let max_m = 1.5 * depth;
+        let elements = Elements::new(delay, &strength, nodes, max_m * (1.0 + radius))?;
         Ok(Self {
             delay,
             strength,
             nodes,
             elements,
-            most_m,
+            max_m,
             radius,
         })
     }
 
     fn reach(&mut self, depth: f64, radius: f64) -> Result<(), ChatterError> {
-        if depth > self.most_m || radius > self.radius {
+        if depth > self.max_m || radius > self.radius {
             *self = Self::new(self.delay, self.nodes, depth, radius.max(self.radius))?;
         }
         Ok(())
@@ -88,9 +88,9 @@ impl<'a> Solver<'a> {
         // Change of the exponent of a motion along the circle.
         let change = depth * radius * self.strength.mean * self.delay.period_s;
         let points = 24.0 + 1.5 * change;
-        let value = Elements::work(self.delay, &self.strength, self.most_m * (1.0 + radius));
+        let value = Elements::work(self.delay, &self.strength, self.max_m * (1.0 + radius));
         let work = 0.5 * points * value;
-        if work.is_nan() || work > most_circle_work(self.delay) {
+        if work.is_nan() || work > max_circle_work(self.delay) {
             return Err(ChatterError::TooManyWaves {
                 waves: Elements::waves(self.delay),
                 modes: self.delay.states() / 2,
@@ -102,7 +102,7 @@ impl<'a> Solver<'a> {
     /// The depth and angle at which a zero is on the unit circle, by Newton's method in both.
     fn crossing(&mut self, zero: C, depth: f64) -> Result<Option<(f64, f64)>, ChatterError> {
         let (mut angle, mut depth) = (zero.arg(), depth);
-        let least = 0.2 * depth;
+        let min = 0.2 * depth;
         for _ in 0..30 {
             self.reach(depth, 1.0)?;
             let at = |angle: f64, depth: f64| {
@@ -124,7 +124,7 @@ impl<'a> Solver<'a> {
             }
             angle += steps[0] / much;
             depth += steps[1] / much;
-            if depth < least || depth > 1.2 * self.most_m {
+            if depth < min || depth > 1.2 * self.max_m {
                 return Ok(None);
             }
             if steps[1].abs() < 0.1 * ACCURACY * depth && steps[0].abs() < 1e-7 {
@@ -177,22 +177,22 @@ impl<'a> Solver<'a> {
 
 /// The depth up to which no motion grows: the damping absorbs more than the cut can supply.
 fn safe_m(delay: &MillingDelay, strength: &Strength) -> f64 {
-    let least = delay
+    let min = delay
         .modes
         .iter()
         .map(|(mode, ..)| std::f64::consts::TAU * mode.frequency_hz * mode.damping_ratio)
         .fold(f64::INFINITY, f64::min);
-    0.5 * least / strength.mean
+    0.5 * min / strength.mean
 }
 
 /// Maximum number of complex multiplications of a circle.
-fn most_circle_work(delay: &MillingDelay) -> f64 {
+fn max_circle_work(delay: &MillingDelay) -> f64 {
     let states = delay.states() as f64;
     (MAX_CIRCLE_WORK * states * states / 4.0).clamp(MAX_CIRCLE_WORK, MAX_CIRCLE_WORK_OF_MODES)
 }
 
 impl MillingDelay {
-    /// The smallest depth in m, up to `most_m`, from which on the cut chatters, to 1e-6 of it; `None` if
+    /// The smallest depth in m, up to `max_m`, from which on the cut chatters, to 1e-6 of it; `None` if
     /// there is none.
     ///
     /// Depths are tried upwards in steps of 8 %, and of 1 % if the largest multiplier is above 0.9, so a
@@ -202,20 +202,20 @@ impl MillingDelay {
     /// # Errors
     /// A depth out of range; a cut with too many waves, or one that cannot be resolved; one in which
     /// disturbances grow a billion times before they die out below the limit.
-    pub fn limit(&self, most_m: f64) -> Result<Option<f64>, ChatterError> {
-        number("depth in m", most_m, 1e-7, 10.0)?;
-        let mut solver = Solver::new(self, NODES, 1e-3 * most_m, 1.0)?;
+    pub fn limit(&self, max_m: f64) -> Result<Option<f64>, ChatterError> {
+        number("depth in m", max_m, 1e-7, 10.0)?;
+        let mut solver = Solver::new(self, NODES, 1e-3 * max_m, 1.0)?;
         let mut low = safe_m(self, &solver.strength);
-        if low >= most_m {
+        if low >= max_m {
             return Ok(None);
         }
-        let mut high = (STEP * low).max(1e-3 * most_m).min(most_m);
+        let mut high = (STEP * low).max(1e-3 * max_m).min(max_m);
         loop {
             let circle = solver.circle(high, 1.0)?;
             if circle.zeros() > 0 {
                 break;
             }
-            if high >= most_m {
+            if high >= max_m {
                 return Ok(None);
             }
             let is_near = circle
@@ -223,7 +223,7 @@ impl MillingDelay {
                 .first()
                 .is_some_and(|zero| zero.norm() < NEAR);
             low = high;
-            high = (high * if is_near { SMALL_STEP } else { STEP }).min(most_m);
+            high = (high * if is_near { SMALL_STEP } else { STEP }).min(max_m);
         }
         let (angle, limit) = solver.between(low, high)?;
         let mut check = Solver::new(self, CHECK_NODES, limit, 1.0)?;
@@ -273,9 +273,9 @@ impl MillingDelay {
         let depth = 3.0 * safe_m(self, &strength);
         let points = 24.0 + 1.5 * depth * strength.mean * self.period_s;
         let circle = 0.5 * points * Elements::work(self, &strength, 3.0 * depth);
-        let most = most_circle_work(self);
-        if circle > most {
-            return most;
+        let max = max_circle_work(self);
+        if circle > max {
+            return max;
         }
         CIRCLES * circle
     }

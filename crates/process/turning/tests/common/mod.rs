@@ -133,17 +133,17 @@ pub fn stocks() -> [(&'static str, Blank); 4] {
 /// A random stock: straight pieces of outline with steps, sometimes a groove or a hard spot.
 pub fn random_stock(random: &mut Random) -> Blank {
     let mut points = Vec::new();
-    let mut place = 0.0;
+    let mut position = 0.0;
     let mut height = random.between(1.0, 9.5);
-    while place < 200.0 {
-        points.push((place, height));
-        place += random.between(20.0, 120.0);
+    while position < 200.0 {
+        points.push((position, height));
+        position += random.between(20.0, 120.0);
         let end = if random.unit() < 0.5 {
             height
         } else {
             random.between(0.5, 9.5)
         };
-        points.push((place, end));
+        points.push((position, end));
         height = if random.unit() < 0.6 {
             end
         } else {

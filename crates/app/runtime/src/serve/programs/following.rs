@@ -44,7 +44,7 @@ impl Operator {
             self.take_periphery(periphery);
         }
         if let Some(stop) = self.program.track.take_stop(&setpoint) {
-            self.stands_at(stop);
+            self.handle_stop(stop);
         }
         self.follow_beginning();
         self.follow_command();
@@ -79,10 +79,10 @@ impl Operator {
             return;
         }
         if let Some(job) = run.planning.take_if_ready() {
-            let limits = limits_here(&self.limits, &setpoint.position, self.desk.homed());
+            let limits = limits_here(&self.limits, &setpoint.position, self.state.homed());
             self.begin_within(&limits);
             let order = self.order(CycleCommand::Follow(job));
-            self.book.notes.sends_plan(order, self.desk.job());
+            self.book.notes.sends_plan(order, self.state.job());
             if self.stops.hold {
                 // For a hold that came earlier: the cycle has new inputs with each job.
                 self.order(CycleCommand::Hold);
@@ -112,10 +112,10 @@ impl Operator {
     /// Takes over the program's present state of spindle, coolant and tool.
     fn take_periphery(&mut self, periphery: Periphery) {
         self.periphery.reach(periphery);
-        let is_resolved = periphery.is_tool_known && self.keep.change.is_some();
-        if periphery.tool != self.keep.tool || is_resolved {
+        let is_resolved = periphery.is_tool_known && self.store.change.is_some();
+        if periphery.tool != self.store.tool || is_resolved {
             let is_random = self.setup.machine.program.magazine == Magazine::Random;
-            let saving = self.keep.take_tool(periphery.tool, is_random);
+            let saving = self.store.take_tool(periphery.tool, is_random);
             self.files.tool_savings.push(saving);
         }
     }
@@ -136,7 +136,7 @@ impl Operator {
             }
         });
         for text in failures {
-            self.keep.forget_saved();
+            self.store.forget_saved();
             self.raise(self.view.setpoint.sequence, Alarm::NotKept, text);
         }
     }
@@ -161,7 +161,7 @@ impl Operator {
             return;
         }
         // No part of the change has been carried out.
-        let saving = self.keep.forget_change();
+        let saving = self.store.forget_change();
         self.files.tool_savings.push(saving);
         if let Some(text) = failure {
             let text = format!("the tool change cannot be recorded, so it does not begin: {text}");
@@ -189,10 +189,10 @@ impl Operator {
 
     /// If a job ends in the middle of a tool change, the tool in the spindle is unknown.
     pub(in crate::serve) fn judge_change(&mut self) {
-        if let Some(mark) = self.keep.change
-            && self.keep.is_change_under_way
+        if let Some(mark) = self.store.change
+            && self.store.is_change_under_way
         {
-            self.keep.is_change_under_way = false;
+            self.store.is_change_under_way = false;
             let failure = match &mut self.job {
                 Job::Program(run) => run.failure.take(),
                 _ => None,
@@ -237,7 +237,7 @@ impl Operator {
             block.max(setpoint.block).saturating_add(NUMBERS_LEFT),
             action.max(setpoint.actions).saturating_add(NUMBERS_LEFT),
         );
-        let file = self.desk.program().unwrap_or("the program").to_owned();
+        let file = self.state.program().unwrap_or("the program").to_owned();
         let text = format!("{file}: {}", no_reply(PLANNER_TIMEOUT));
         self.raise(setpoint.sequence, Alarm::Program, text);
         self.refresh_modes();
@@ -245,7 +245,7 @@ impl Operator {
     }
 
     /// Handles a stop at which the program waits.
-    fn stands_at(&mut self, (action, kind): (u32, StopKind)) {
+    fn handle_stop(&mut self, (action, kind): (u32, StopKind)) {
         let Job::Program(run) = &mut self.job else { return };
         if !matches!(kind, StopKind::User(_)) {
             // The program waits here anyway.
@@ -267,7 +267,7 @@ impl Operator {
                         run.beginning = Some(ChangeBeginning {
                             call,
                             stop: action + 1,
-                            saving: self.keep.begin_change(tool as u32),
+                            saving: self.store.begin_change(tool as u32),
                             begun: Instant::now(),
                         });
                         self.message.tell_of_stop(format!("{}{AT_WORK}", call.text()));
@@ -346,15 +346,15 @@ impl Operator {
                     }
                     _ => (Some(after.kept), after.tools),
                 };
-                self.keep.memory.kept = kept;
-                self.keep.memory.tools = tools.or_else(|| self.keep.memory.tools.take());
+                self.store.memory.kept = kept;
+                self.store.memory.tools = tools.or_else(|| self.store.memory.tools.take());
                 self.program.modes = after.modes;
                 // A tool that was measured in the block has its measured length.
                 self.program.modes.modal.tool_offset = followed;
             }
             // Copied, so that everything the planner's thread has allocated is freed when it ends. Otherwise
             // the next planner would find a different heap.
-            (JobResult::Done, Ok(Some(left)), None) => self.keep.memory.clone_from(&left),
+            (JobResult::Done, Ok(Some(left)), None) => self.store.memory.clone_from(&left),
             (JobResult::Failed, Err(error), _) => {
                 let lines_before = self.lines_before();
                 let text = match &error {
@@ -369,7 +369,7 @@ impl Operator {
             _ => {}
         }
         self.refresh_modes();
-        let saving = self.keep.save(self.keep.memory.clone());
+        let saving = self.store.save(self.store.memory.clone());
         if let Job::Program(run) = &mut self.job {
             run.saving = Some((result, saving, Instant::now()));
         }
@@ -384,7 +384,7 @@ impl Operator {
         let result = *result;
         let failure = match saving.try_recv() {
             Ok(Ok(memory)) => {
-                self.keep.take_saved(memory);
+                self.store.take_saved(memory);
                 None
             }
             Ok(Err(error)) => Some(error.to_string()),

@@ -44,7 +44,7 @@ impl ServedParts {
         if deadline > now.keep_until_ns || now.inputs.stop {
             excursion.stop();
         }
-        let sequence = self.station.sequence();
+        let sequence = self.generator.sequence();
         self.turn_away(now, &mut excursion, sequence);
         let switches = self.signals.as_ref().map(SignalLoop::overrides);
         let mut inputs = now.inputs.switched_by(&switches.unwrap_or_default());
@@ -64,7 +64,7 @@ impl ServedParts {
         now.notes.input_bits |= input_bits(&inputs, &job.motion);
         now.plan_setpoint = Some(plan);
         now.stops.at_stop = (plan.state == MotionState::ProgramStop).then_some(plan.actions);
-        let (setpoint, ended) = excursion.step(&mut self.station, &mut self.driven, &plan);
+        let (setpoint, ended) = excursion.step(&mut self.generator, &mut self.driven, &plan);
         if let (Some(spindle), false) = (trouble, now.faulted) {
             self.report_once(now, CycleEvent::Spindle { sequence, spindle });
         }
@@ -90,7 +90,7 @@ impl ServedParts {
             now.excursion = Some(excursion);
             return (setpoint, Some(result_of(now, job, &setpoint)));
         }
-        if excursion.give_back(&self.station, &mut job.motion) {
+        if excursion.give_back(&self.generator, &mut job.motion) {
             self.report(CycleEvent::IsBack { sequence });
         } else {
             now.excursion = Some(excursion);
@@ -103,7 +103,7 @@ impl ServedParts {
         let Some(turn) = now.turn.take_if(|turn| turn.after < sequence) else {
             return;
         };
-        if turn.after + 1 == sequence && excursion.turn(&self.station, &turn.steering) {
+        if turn.after + 1 == sequence && excursion.turn(&self.generator, &turn.steering) {
             now.keep_until_ns = turn.until_ns;
             self.report(CycleEvent::Applied {
                 id: turn.id,
@@ -119,7 +119,7 @@ impl ServedParts {
         let refused = match self.take_excursion(now) {
             None => Err(steering),
             Some(mut excursion) => {
-                let refused = excursion.steer(&self.station, steering);
+                let refused = excursion.steer(&self.generator, steering);
                 now.excursion = (refused.is_ok() || was_away).then_some(excursion);
                 refused
             }
@@ -137,7 +137,7 @@ impl ServedParts {
         let was_away = now.excursion.is_some();
         let mut counts = false;
         if let Some(mut excursion) = self.take_excursion(now) {
-            counts = excursion.retrace(&self.station, &mut self.driven, &self.limits, back);
+            counts = excursion.retrace(&self.generator, &mut self.driven, &self.limits, back);
             now.excursion = (counts || was_away).then_some(excursion);
         }
         if counts {
@@ -162,15 +162,15 @@ impl ServedParts {
         };
         let is_waiting = self.signals.as_ref().is_some_and(SignalLoop::is_waiting);
         // A resume may have been ordered just before.
-        let stands = now.inputs.hold || job.motion.state() == MotionState::ProgramStop;
-        if !stands || is_waiting {
+        let is_at_rest = now.inputs.hold || job.motion.state() == MotionState::ProgramStop;
+        if !is_at_rest || is_waiting {
             return None;
         }
         Excursion::begin(&job.motion)
     }
 
     pub(super) fn refuse_leaving(&mut self, work: ActiveJob) {
-        let sequence = self.station.sequence();
+        let sequence = self.generator.sequence();
         self.report(CycleEvent::NotLeft { sequence, work });
     }
 

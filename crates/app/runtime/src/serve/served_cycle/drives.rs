@@ -28,7 +28,7 @@ impl ServedParts {
     pub(super) fn rebase_to_drives(&mut self, now: &mut CycleState, feedback: &Feedback, time_ns: u64) {
         let is_off = now.drive.power == PowerRequest::Off && now.is_idle();
         let is_believed = self.watch.believes(time_ns, feedback);
-        if !is_off || !self.station.is_at_rest() || !is_believed {
+        if !is_off || !self.generator.is_at_rest() || !is_believed {
             return;
         }
         // A restarted core does not know the datum that the bridge uses.
@@ -36,7 +36,7 @@ impl ServedParts {
         if feedback.datum != now.drive.datum {
             return;
         }
-        let mut position = self.station.position();
+        let mut position = self.generator.position();
         let known = AxisMask::from_bits(feedback.axes_mask);
         let found = match &self.corrections {
             Some(corrections) => corrections.found(&feedback.position, |axis| known.contains(axis)),
@@ -64,7 +64,7 @@ impl ServedParts {
             if let Some(corrections) = &mut self.corrections {
                 corrections.relocate(&position);
             }
-            self.station.relocate(self.limits, position);
+            self.generator.relocate(self.limits, position);
         }
     }
 

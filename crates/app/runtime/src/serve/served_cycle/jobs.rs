@@ -34,7 +34,7 @@ impl ServedParts {
                 } else {
                     MotionState::Idle
                 };
-                (self.station.rest(state), None)
+                (self.generator.rest(state), None)
             }
             ActiveJob::Follow(job) => match now.excursion.take() {
                 None => self.follow(now, job),
@@ -43,7 +43,7 @@ impl ServedParts {
             ActiveJob::Steer(steering) => self.steer(now, steering, deadline),
         };
         now.work = work;
-        if let Some(violation) = self.station.take_fault()
+        if let Some(violation) = self.generator.take_fault()
             && !now.faulted
         {
             now.faulted = true;
@@ -56,8 +56,8 @@ impl ServedParts {
             self.drop_turn(now);
             self.end_excursion(now);
             let work = std::mem::replace(&mut now.work, ActiveJob::None);
-            if !self.station.is_quick_stopping() {
-                self.station.end();
+            if !self.generator.is_quick_stopping() {
+                self.generator.end();
             }
             now.inputs.hold = false;
             now.inputs.stop = false;
@@ -70,7 +70,7 @@ impl ServedParts {
         if now.faulted && matches!(setpoint.state, MotionState::Stopped | MotionState::Stopping) {
             setpoint.state = MotionState::Fault;
         }
-        if now.power_off_at_rest && now.is_idle() && self.station.is_at_rest() {
+        if now.power_off_at_rest && now.is_idle() && self.generator.is_at_rest() {
             now.power_off_at_rest = false;
             now.drive.power = PowerRequest::Off;
         }
@@ -118,7 +118,7 @@ impl ServedParts {
         now.notes.turned = turning_output(&job.motion).and_then(|output| output.transition);
         now.notes.input_bits |= recorded::FOLLOWS | input_bits(&inputs, &job.motion);
         now.stops.at_stop = (setpoint.state == MotionState::ProgramStop).then_some(setpoint.actions);
-        self.station.follow(&job.motion, &setpoint);
+        self.generator.follow(&job.motion, &setpoint);
         if setpoint.state == MotionState::Done && job.flags.has_failed() {
             setpoint.state = MotionState::Stopped;
         }
@@ -140,10 +140,10 @@ impl ServedParts {
         if deadline > now.keep_until_ns {
             steering.stop();
         }
-        let sequence = self.station.sequence();
+        let sequence = self.generator.sequence();
         if let Some(turn) = now.turn.take_if(|turn| turn.after < sequence) {
             // If it is too late for the change, the old motion continues to its own end.
-            if turn.after + 1 == sequence && self.station.turn(steering, &turn.steering) {
+            if turn.after + 1 == sequence && self.generator.turn(steering, &turn.steering) {
                 now.keep_until_ns = turn.until_ns;
                 self.report(CycleEvent::Applied {
                     id: turn.id,
@@ -156,12 +156,12 @@ impl ServedParts {
         if steering.is_stopping() {
             now.notes.input_bits |= recorded::STOP;
         }
-        let setpoint = self.station.steer(steering);
+        let setpoint = self.generator.steer(steering);
         let result = match setpoint.state {
             MotionState::Done => Some(JobResult::Done),
             MotionState::Stopped if now.faulted => Some(JobResult::Fault),
             MotionState::Stopped => Some(JobResult::Stopped),
-            _ if self.station.is_quick_stopping() => Some(JobResult::Fault),
+            _ if self.generator.is_quick_stopping() => Some(JobResult::Fault),
             _ => None,
         };
         (setpoint, result)
@@ -169,7 +169,7 @@ impl ServedParts {
 
     /// Stops each axis on its own and ends the motion.
     pub(super) fn emergency(&mut self, now: &mut CycleState) {
-        self.station.emergency();
+        self.generator.emergency();
         now.drive.power = PowerRequest::QuickStop;
         now.power_off_at_rest = true;
         now.power_orders.cancel();
@@ -178,7 +178,7 @@ impl ServedParts {
         let work = std::mem::replace(&mut now.work, ActiveJob::None);
         if !matches!(work, ActiveJob::None) {
             now.program.is_end = true;
-            let sequence = self.station.sequence();
+            let sequence = self.generator.sequence();
             self.report(CycleEvent::Ended {
                 sequence,
                 result: JobResult::Fault,

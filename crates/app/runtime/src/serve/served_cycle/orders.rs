@@ -24,7 +24,7 @@ impl ServedParts {
             let renames = matches!(order.what, CycleCommand::Relocate { renames: true, .. });
             let counts = self.take(now, order.id, order.what);
             if reported && counts && order.id > 0 {
-                let sequence = self.station.sequence();
+                let sequence = self.generator.sequence();
                 self.report(CycleEvent::Applied {
                     id: order.id,
                     sequence,
@@ -46,7 +46,7 @@ impl ServedParts {
                 Urgent::PowerOff => CycleCommand::Power(PowerRequest::Off),
             };
             self.take(now, id, what);
-            let sequence = self.station.sequence();
+            let sequence = self.generator.sequence();
             self.report(CycleEvent::Applied { id, sequence });
         }
     }
@@ -129,7 +129,7 @@ impl ServedParts {
             CycleCommand::Stop => now.stop_work(),
             CycleCommand::Override(factor) => {
                 now.inputs.feed_override = factor;
-                self.station.set_override(factor);
+                self.generator.set_override(factor);
             }
             CycleCommand::SpindleOverride(factor) => now.spindle_override = factor,
             CycleCommand::Emergency => {
@@ -158,9 +158,9 @@ impl ServedParts {
                 renames,
             } => self.relocate(now, position, limits, renames),
             CycleCommand::Within(limits) => {
-                if now.is_idle() && self.station.is_at_rest() {
+                if now.is_idle() && self.generator.is_at_rest() {
                     self.limits = limits;
-                    self.station.relocate(limits, self.station.position());
+                    self.generator.relocate(limits, self.generator.position());
                 }
             }
             CycleCommand::KeepJogging(until_ns) => {
@@ -181,7 +181,7 @@ impl ServedParts {
 
     /// Begins a job along a plan. Returns whether it has begun.
     fn begin_following(&mut self, now: &mut CycleState, mut job: Box<Following>) -> bool {
-        if !now.can_begin() || !self.station.attach(&mut job.motion) {
+        if !now.can_begin() || !self.generator.attach(&mut job.motion) {
             self.misplace(now, ActiveJob::Follow(job), NotBegun::Elsewhere);
             return false;
         }
@@ -199,7 +199,7 @@ impl ServedParts {
 
     /// Begins a steered motion. Returns whether it has begun.
     fn begin_steering(&mut self, now: &mut CycleState, steering: Box<TransferExecutor>) -> bool {
-        let begins = now.can_begin() && self.station.can_steer(&steering);
+        let begins = now.can_begin() && self.generator.can_steer(&steering);
         if begins {
             now.work = ActiveJob::Steer(steering);
         } else {
@@ -210,7 +210,7 @@ impl ServedParts {
 
     /// Returns a job that cannot begin here.
     fn misplace(&mut self, now: &CycleState, work: ActiveJob, otherwise: NotBegun) {
-        let sequence = self.station.sequence();
+        let sequence = self.generator.sequence();
         let cause = if now.is_ready() {
             otherwise
         } else {
@@ -225,11 +225,11 @@ impl ServedParts {
 
     /// Gives the position at which the axes are at rest these coordinates, and sets the limits.
     fn relocate(&mut self, now: &mut CycleState, position: Axes, limits: Limits, renames: bool) {
-        if !now.is_idle() || !self.station.is_at_rest() {
+        if !now.is_idle() || !self.generator.is_at_rest() {
             return;
         }
         // The sign of a zero is kept: only a recorded change may change a bit of the setpoints.
-        let mut here = self.station.position();
+        let mut here = self.generator.position();
         if here != position {
             here = position;
             now.relocated = true;
@@ -238,7 +238,7 @@ impl ServedParts {
             }
         }
         self.limits = limits;
-        self.station.relocate(limits, here);
+        self.generator.relocate(limits, here);
         now.drive.datum += u64::from(renames);
     }
 }

@@ -74,7 +74,7 @@ impl ServedParts {
             PowerRequest::On => now.power_orders.settle(id),
             // A job has ended, but after an emergency stop or a fault the axes still stop on their own:
             // drives without torque would coast.
-            PowerRequest::Off if !self.station.is_at_rest() => {
+            PowerRequest::Off if !self.generator.is_at_rest() => {
                 now.power_off_at_rest = true;
                 now.power_orders.pending = None;
                 now.power_orders.settle(id);
@@ -104,7 +104,7 @@ impl ServedParts {
         }
         pending.periods += 1;
         let pending = *pending;
-        let newest = self.station.sequence();
+        let newest = self.generator.sequence();
         let is_answered = |last: &Feedback| {
             let is_reply =
                 (orders.off_since).is_some_and(|off_since| (off_since..=newest).contains(&last.sequence));

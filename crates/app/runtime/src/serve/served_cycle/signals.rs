@@ -37,7 +37,7 @@ impl ServedParts {
     /// Applies received inputs to the next setpoint.
     pub(super) fn apply_inputs(&mut self) {
         if let Some(signals) = &mut self.signals {
-            signals.apply_inputs(self.station.sequence(), self.period_ns, None);
+            signals.apply_inputs(self.generator.sequence(), self.period_ns, None);
             self.probe = signals.take_probe();
         }
     }
@@ -47,7 +47,7 @@ impl ServedParts {
         let is_open = self.signals.as_ref().is_some_and(SignalLoop::is_estopped);
         if is_open && !now.is_estop {
             now.is_estop = true;
-            let sequence = self.station.sequence();
+            let sequence = self.generator.sequence();
             self.report(CycleEvent::EstopChain { sequence });
             self.emergency(now);
         }

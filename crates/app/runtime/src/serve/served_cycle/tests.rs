@@ -28,7 +28,7 @@ fn parts_at_home(
     let (events, cycle_events) = RingBuffer::new(4096);
     let (views, cycle_views) = RingBuffer::new(4096);
     let parts = ServedParts {
-        station: SetpointGenerator::new(limits, period_ns, limits.home),
+        generator: SetpointGenerator::new(limits, period_ns, limits.home),
         limits,
         period_ns,
         orders,
@@ -224,8 +224,8 @@ fn an_open_chain_acts_without_the_control_thread() {
         (last.setpoint.velocity[0], last.drive.power),
         (0.0, PowerRequest::Off)
     );
-    let told: Vec<_> = std::iter::from_fn(|| events.pop().ok()).collect();
-    let chain = told
+    let reported: Vec<_> = std::iter::from_fn(|| events.pop().ok()).collect();
+    let chain = reported
         .iter()
         .filter(|event| matches!(event, CycleEvent::EstopChain { .. }));
     assert_eq!(chain.count(), 1);
@@ -503,7 +503,7 @@ fn a_relocation_to_the_same_position_changes_no_bit() {
             },
         );
         trial.run(1);
-        let found = trial.cycle.parts.station.position()[1];
+        let found = trial.cycle.parts.generator.position()[1];
         assert_eq!(found.to_bits(), f64::to_bits(kept), "{zero}: {found}");
     }
 }

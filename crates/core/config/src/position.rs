@@ -30,17 +30,17 @@ pub(crate) fn find_toml(table: &DeTable<'_>, whole: usize, key: &str) -> Found {
             return Found::Parent(parent);
         };
         let mut value = value;
-        let mut place = name.span().start;
+        let mut position = name.span().start;
         if let (Some(index), DeValue::Array(array)) = (index, value.get_ref()) {
             let Some(element) = array.get(index) else {
-                return Found::Parent(place);
+                return Found::Parent(position);
             };
             value = element;
-            place = element.span().start;
+            position = element.span().start;
         }
         table = value.get_ref().as_table();
-        parent = place;
-        last = Some(place);
+        parent = position;
+        last = Some(position);
     }
     last.map_or(Found::Parent(parent), Found::Key)
 }
@@ -49,21 +49,21 @@ pub(crate) fn find_toml(table: &DeTable<'_>, whole: usize, key: &str) -> Found {
 pub(crate) fn find_json(text: &str, key: &str) -> Found {
     let bytes = text.as_bytes();
     let mut at = skip_space(bytes, 0);
-    let mut place = at;
+    let mut position = at;
     for part in key.split('.') {
         let (word, index) = part_of(part);
         let Some((name, value)) = member(text, at, word) else {
-            return Found::Parent(place);
+            return Found::Parent(position);
         };
-        (place, at) = (name, value);
+        (position, at) = (name, value);
         if let Some(index) = index {
             let Some(element) = element(bytes, at, index) else {
-                return Found::Parent(place);
+                return Found::Parent(position);
             };
-            (place, at) = (element, element);
+            (position, at) = (element, element);
         }
     }
-    Found::Key(place)
+    Found::Key(position)
 }
 
 fn skip_space(bytes: &[u8], mut at: usize) -> usize {

@@ -5,7 +5,7 @@ pub(crate) const CAUTION_MM: f64 = 1.5;
 
 /// Deep and thin positions of the present pass, and of the job.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct PlaceWatch {
+pub(crate) struct PassWatch {
     /// Time for which the cut has been too deep, s.
     pub(crate) deep_s: f64,
     /// Position at which the cut became too thin, mm along the cut.
@@ -20,7 +20,7 @@ pub(crate) struct PlaceWatch {
     pub(crate) returned_low: u32,
 }
 
-impl PlaceWatch {
+impl PassWatch {
     /// The edge leaves the stock; the next position is considered again.
     pub(crate) fn leave(&mut self) {
         (self.deep_s, self.thin_from_mm) = (0.0, None);

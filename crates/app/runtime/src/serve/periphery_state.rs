@@ -8,21 +8,21 @@ use crate::periphery_track::PeripheryOrder;
 /// The periphery as the operator knows it, and the channel to the publisher, which reports on the bus with
 /// which setpoint it changes.
 #[derive(Debug)]
-pub(crate) struct PeripheryDesk {
+pub(crate) struct PeripheryState {
     now: Periphery,
     publisher: Sender<PeripheryOrder>,
 }
 
-impl PeripheryDesk {
+impl PeripheryState {
     /// With this tool in the spindle and everything off.
     pub(crate) fn new(tool: u32, publisher: Sender<PeripheryOrder>) -> Self {
         let now = Periphery {
             tool,
             ..Periphery::default()
         };
-        let desk = Self { now, publisher };
-        desk.tell(0);
-        desk
+        let state = Self { now, publisher };
+        state.tell(0);
+        state
     }
 
     /// The present state.

@@ -8,7 +8,7 @@ use super::track::Track;
 use crate::switches::{SwitchState, Switches};
 
 /// Modes, switches and counts that continue from job to job.
-pub(super) struct ProgramDesk {
+pub(super) struct ProgramContext {
     pub(super) modes: Modes,
     /// Lines that restore the parameters set by blocks of MDI.
     pub(super) parameters: String,
@@ -20,7 +20,7 @@ pub(super) struct ProgramDesk {
     pub(super) track: Track,
 }
 
-impl ProgramDesk {
+impl ProgramContext {
     pub(super) fn new(modes: Modes) -> Self {
         Self {
             modes,
