@@ -17,6 +17,7 @@ mod language;
 mod lathe_dialects;
 mod linuxcnc;
 mod mutations;
+mod narrow_parts;
 mod o_words;
 mod probing_cycles;
 mod programs;
