@@ -1,6 +1,7 @@
 //! Holds and lowered overrides on dense programs, with a planner that replies and one that is frozen.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
+#![expect(clippy::print_stdout, reason = "figures of a campaign")]
 
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, MotionState, Setpoint, StoppingDistance};
