@@ -178,7 +178,7 @@ impl Case {
         })
     }
 
-    /// Fixed passes: at the same load, the fastest ones for known stock, and cautious ones.
+    /// Fixed passes: at the nominal depth and feed, the fastest ones for known stock, and cautious ones.
     fn fixed(&self, blank: &Blank) -> [(&'static str, Figures); 3] {
         let (base, regime) = (self.usual(), &self.regime);
         let high_mm = blank.highest_mm(LENGTH_MM);
@@ -193,7 +193,7 @@ impl Case {
         let known_mm = high_mm / f64::from(regime.fastest_passes(high_mm, LENGTH_MM, 34.0));
         let (depth_mm, feed_mm_rev) = (regime.depth_back_off_mm, regime.feed_back_off_mm_rev);
         [
-            ("G82 same load", run(depth_mm, feed_mm_rev)),
+            ("G82 nominal", run(depth_mm, feed_mm_rev)),
             ("G82 known", run(known_mm, regime.feed_mm_rev(known_mm))),
             ("G82 70 %", run(depth_mm, 0.7 * feed_mm_rev)),
         ]

@@ -69,6 +69,7 @@ mod pass_end;
 mod pass_plan;
 mod pass_watch;
 mod protection_state;
+mod recent_cut;
 mod record;
 mod regime;
 mod return_path;

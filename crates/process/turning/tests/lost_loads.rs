@@ -123,7 +123,7 @@ fn load_lost_in_a_cut_faults_in_two_revolutions() {
             );
             assert!(!done, "{what}");
             assert!(matches!(reason, Some(Reason::BrokenInsert { .. })), "{what}");
-            assert!(turns < 1.6, "{what}");
+            assert!(turns < 1.25, "{what}");
             max = max.max(turns);
             reported += 1;
         }
@@ -201,7 +201,7 @@ fn load_lost_just_before_a_cut_ends_is_a_fault() {
                     !done && matches!(reason, Some(Reason::BrokenInsert { .. })),
                     "{what}"
                 );
-                assert!(turns < 1.6, "{what}");
+                assert!(turns < 1.25, "{what}");
                 max = max.max(turns);
                 reported += 1;
             }

@@ -5,6 +5,7 @@ mod cone;
 
 mod adaptive;
 mod adaptive_files;
+mod adaptive_losses;
 mod allocation;
 mod bound;
 mod campaign;
