@@ -18,6 +18,11 @@ const PERIODS: f64 = 8.0;
 /// Size relative to the largest disturbance within the model from which a disturbance has died out: the law
 /// is linear there.
 const DEAD_PART: f64 = 0.01;
+/// ... for quick results.
+const HASTY_DEAD_PART: f64 = 0.3;
+/// ... of an impulse the opposite of which died out: after half a period that one was nearly this one, so only
+/// the first periods are new.
+const OPPOSITE_DEAD_PART: f64 = 0.5;
 /// Windows beyond the model, none smaller than the first, after which a motion has left it.
 const WINDOWS_OUTSIDE: usize = 4;
 /// ... and windows after which it has left in any case.
@@ -69,6 +74,14 @@ struct Window {
     outside: bool,
 }
 
+/// The end of a motion in a window.
+enum Ended {
+    /// Outside the model in the first steps.
+    AtOnce,
+    /// The end of the force law.
+    Later,
+}
+
 /// A motion near a cycle, which may be unstable.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lingering {
@@ -105,14 +118,22 @@ impl<'a> TransientFollower<'a> {
         }
     }
 
-    /// Counts a disturbance as dead if it has fallen to 0.3 of its size, in windows of half the length, by
+    /// Counts a disturbance as dead if it has fallen to [`HASTY_DEAD_PART`] of its size, in windows of half the length, by
     /// the exponential Adams method. Use it if no smaller cycle is known.
     pub(crate) fn hasty(self) -> Self {
         Self {
-            dead: 0.3,
+            dead: HASTY_DEAD_PART,
             adams: Adams::new(self.model.axes(), self.step_s),
             window: self.window / 2,
             windows_outside: 2 * WINDOWS_OUTSIDE,
+            ..self
+        }
+    }
+
+    /// Counts it as dead at [`OPPOSITE_DEAD_PART`] already.
+    pub(crate) fn hastier(self) -> Self {
+        Self {
+            dead: OPPOSITE_DEAD_PART,
             ..self
         }
     }
@@ -134,6 +155,11 @@ impl<'a> TransientFollower<'a> {
     #[must_use]
     pub fn reach_m_s(&self) -> f64 {
         self.reach
+    }
+
+    /// Whether small vibrations die out.
+    pub(crate) fn is_steady(&self) -> bool {
+        self.is_steady
     }
 
     /// The state of the steady cut.
@@ -190,21 +216,29 @@ impl<'a> TransientFollower<'a> {
         all
     }
 
-    /// This many steps of a motion; `None` at the end of the force law.
-    fn window(&self, motion: &mut AdamsMotion, steps: usize) -> Option<Window> {
+    /// A window of a motion. In the first steps, of this number, the motion must stay within the model.
+    fn window(&self, motion: &mut AdamsMotion, first: usize) -> Result<Window, Ended> {
         // Squares of sizes.
         let (mut peak, mut min) = (0.0_f64, f64::INFINITY);
         let (mut free, mut slowest) = (0, f64::INFINITY);
-        for _ in 0..steps {
-            let (speed, depth) = self.advance(motion)?;
+        let most_free = MAX_FREE_PART * first as f64;
+        for k in 0..self.window {
+            let ended = || if k < first { Ended::AtOnce } else { Ended::Later };
+            let (speed, depth) = self.advance(motion).ok_or_else(ended)?;
             let square = self.square_size(&motion.state);
             slowest = slowest.min(speed);
             free += usize::from(depth <= 0.0);
             peak = peak.max(square);
             min = min.min(square);
+            if k < first && (speed <= self.model.tool().floor_m_min || free as f64 > most_free) {
+                return Err(Ended::AtOnce);
+            }
         }
-        let free = free as f64 / steps as f64;
-        peak.is_finite().then(|| Window {
+        if !peak.is_finite() {
+            return Err(Ended::Later);
+        }
+        let free = free as f64 / self.window as f64;
+        Ok(Window {
             peak: libm::sqrt(peak),
             min: libm::sqrt(min),
             outside: slowest <= self.model.tool().floor_m_min || free > MAX_FREE_PART,
@@ -239,23 +273,20 @@ impl<'a> TransientFollower<'a> {
     /// The fate of a motion, and where its size changed least.
     pub(crate) fn follow(&self, start: State) -> (Fate, Option<Lingering>) {
         let mut lingering: Option<Lingering> = None;
-        let mut motion = AdamsMotion::new(start);
         let mut peaks: Vec<f64> = Vec::new();
         let (mut run, mut run_peak) = (0, 0.0);
         // Shooting is expensive: each further attempt waits twice as long.
         let (mut next_attempt, mut wait, mut settled, mut arrived) = (4, 8, 0, 0);
         let max = (self.longest_s / (self.step_s * self.window as f64)) as usize;
         // Two periods show whether it begins within the model: a motion that leaves later has grown.
-        if self
-            .window(&mut motion, (self.two_periods_s / self.step_s) as usize)
-            .is_none_or(|window| window.outside)
-        {
-            return (Fate::BeginsOutside, lingering);
-        }
+        let two_periods = (self.two_periods_s / self.step_s) as usize;
         let mut motion = AdamsMotion::new(start);
         for k in 0..max {
-            let Some(window) = self.window(&mut motion, self.window) else {
-                return (Fate::Leaves, lingering);
+            let first = if k == 0 { two_periods } else { 0 };
+            let window = match self.window(&mut motion, first) {
+                Ok(window) => window,
+                Err(Ended::AtOnce) => return (Fate::BeginsOutside, lingering),
+                Err(Ended::Later) => return (Fate::Leaves, lingering),
             };
             let state = motion.state;
             if window.outside {

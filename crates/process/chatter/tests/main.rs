@@ -4,6 +4,7 @@ mod common;
 
 mod case_files;
 mod figures;
+mod followed;
 mod lobes;
 mod lobes_simulated;
 mod properties;

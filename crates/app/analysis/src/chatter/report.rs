@@ -55,6 +55,10 @@ fn sentence(assessment: &Assessment) -> &'static str {
             "not known to be stable: the balance has a vibration that integration in time does not confirm; \
              an impulse may set it going"
         }
+        (StabilityVerdict::OutOfModel, false, false) if assessment.has_untested_direction() => {
+            "not known to be stable: in some direction even the smallest impulse stops the cutting speed or \
+             lifts the edge off, so no disturbance could be followed"
+        }
         (StabilityVerdict::OutOfModel, false, _) => {
             "leaves the model after an impulse: steady until then, but beyond the unstable cycle vibration \
              grows until the \
@@ -190,6 +194,10 @@ fn evidence_text(text: &mut String, assessment: &Assessment) -> std::fmt::Result
         (count(|fate| *fate == Fate::GoesOn), "continue without a cycle"),
         (count(|fate| *fate == Fate::StillGrows), "still grow"),
         (count(|fate| *fate == Fate::Leaves), "leave the model"),
+        (
+            count(|fate| *fate == Fate::BeginsOutside),
+            "begin outside the model at any size",
+        ),
     ];
     let said: Vec<String> = each
         .iter()
@@ -475,7 +483,8 @@ fn disturbances_json(answer: &Answer) -> Vec<Value> {
                 Fate::Settles(_) => "settles",
                 Fate::GoesOn => "goes-on",
                 Fate::StillGrows => "still-grows",
-                Fate::Leaves | Fate::BeginsOutside => "leaves-model",
+                Fate::Leaves => "leaves-model",
+                Fate::BeginsOutside => "begins-out-of-model",
             },
             "settles_on_mm": match &kick.fate {
                 Fate::Settles(cycle) => Some(cycle.amplitude_m.map(|value| 1e3 * value)),

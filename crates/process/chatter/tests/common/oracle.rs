@@ -162,6 +162,13 @@ impl Oracle {
 
     /// The fate of an impulse along V1, V2 that is a fraction of the one that brings the speed to the floor.
     pub fn blow(&self, part: f64, v1: f64, v2: f64) -> End {
+        let along = (v1 * self.sin + v2 * self.cos).abs().max(0.3);
+        let by = part * (self.tool.speed_m_min - self.tool.floor_m_min) / 60.0 / along;
+        self.kick([by * v1, by * v2])
+    }
+
+    /// The fate of an impulse, m/s along V1 and V2.
+    pub fn kick(&self, [v1, v2]: [f64; 2]) -> End {
         let tool = &self.tool;
         let fastest = tool
             .axes
@@ -169,12 +176,10 @@ impl Oracle {
             .map(|axis| axis.frequency_hz())
             .fold(0.0, f64::max);
         let h = 1.0 / (80.0 * fastest);
-        let along = (v1 * self.sin + v2 * self.cos).abs().max(0.3);
-        let by = part * (tool.speed_m_min - tool.floor_m_min) / 60.0 / along;
         let rest = self.rest();
         let mut x = rest;
-        x[2] += by * v1;
-        x[3] += by * v2;
+        x[2] += v1;
+        x[3] += v2;
         let first = self.size(&x, &rest);
         let mut early = x;
         for _ in 0..160 {
