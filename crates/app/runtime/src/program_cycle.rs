@@ -9,7 +9,7 @@ use evolvent_motion::{Inputs, MotionState, PathExecutor, PlanConsumer, Setpoint,
 use evolvent_path::Jet;
 use evolvent_trace::inputs as recorded;
 use evolvent_turning::{
-    AdaptiveFeed, AdaptiveStop, CutState, LoadSample, Reason, SimulatedProcess, TurningOutput,
+    AdaptiveFeed, AdaptiveStop, CutPhase, CutState, LoadSample, Reason, SimulatedProcess, TurningOutput,
 };
 use rtrb::Consumer;
 
@@ -340,10 +340,15 @@ impl<F> ProgramCycle<F> {
             return;
         };
         let last = self.now.last.as_ref();
-        let feeds = last.is_some_and(|last| last.state == MotionState::Running) && !self.motion.is_rapid();
+        let runs = last.is_some_and(|last| last.state == MotionState::Running);
+        let phase = match (runs, self.motion.is_rapid()) {
+            (true, true) => CutPhase::Rapid,
+            (true, false) if counts => CutPhase::Feed,
+            _ => CutPhase::Rest,
+        };
         let driven = self.motion.feed_factor();
         let driven = driven.or(last.map(|last| last.feed_override)).unwrap_or_default();
-        let output = adaptive.step(inputs.load, driven, feeds && counts);
+        let output = adaptive.step(inputs.load, driven, phase);
         if !counts {
             return;
         }

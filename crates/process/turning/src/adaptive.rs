@@ -162,10 +162,21 @@ pub struct AdaptiveOutput {
     pub in_air: bool,
 }
 
+/// What the program does in a control period.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CutPhase {
+    /// It feeds.
+    Feed,
+    /// It is held, dwells or waits, with the tool where it is.
+    Rest,
+    /// A rapid takes the tool away from the cut.
+    Rapid,
+}
+
 /// Adaptive feed. The output depends on the readings only. Real-time safe.
 ///
 /// ```
-/// use evolvent_turning::{AdaptiveFeed, AdaptiveSettings, LoadSample};
+/// use evolvent_turning::{AdaptiveFeed, AdaptiveSettings, CutPhase, LoadSample};
 /// // 1000 N, a revolution of 0.12 s, a period of 1 ms.
 /// let mut feed = AdaptiveFeed::new(AdaptiveSettings::usual(1000.0, 0.12, 0.001))?;
 /// let mut factor = 1.0;
@@ -173,7 +184,7 @@ pub struct AdaptiveOutput {
 ///     // A cut that loads with 1500 N at the programmed feed.
 ///     let value = 1500.0 * f64::powf(factor, 0.75) * (1.0 + 1e-3 * f64::from(sequence % 7));
 ///     let sample = LoadSample { sequence: sequence.into(), value, range_max: 8000.0 };
-///     factor = feed.step(Some(sample), factor, true).factor;
+///     factor = feed.step(Some(sample), factor, CutPhase::Feed).factor;
 /// }
 /// assert!((1500.0 * f64::powf(factor, 0.75) / 1000.0 - 1.0).abs() < 0.05);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -266,21 +277,26 @@ impl AdaptiveFeed {
     }
 
     /// Advances by one control period. `driven` is the actual feed of the axes as a factor of the programmed
-    /// feed. `cutting` is true while the program feeds and false during rapids.
-    pub fn step(&mut self, sample: Option<LoadSample>, driven: f64, cutting: bool) -> AdaptiveOutput {
+    /// feed.
+    pub fn step(&mut self, sample: Option<LoadSample>, driven: f64, phase: CutPhase) -> AdaptiveOutput {
         let s = self.settings;
-        let driven = if driven.is_finite() && cutting {
+        let driven = if driven.is_finite() && phase == CutPhase::Feed {
             driven
         } else {
             0.0
         };
         let view = self.watch.step(sample, self.chip.step(driven));
-        if !cutting {
-            // Rapids are not adapted; the next cut starts with a new contact.
+        if phase != CutPhase::Feed {
+            // Neither is adapted; the next cut starts with a new contact. After a hold the tool is still in the
+            // cut: without a load it does not go on as in air.
+            if phase == CutPhase::Rapid {
+                self.lost_limit = None;
+            } else {
+                self.lose_contact();
+            }
             (self.air_s, self.contact_s, self.blind_s) = (f64::INFINITY, 0.0, 0.0);
             self.watch.forget();
             self.recent.clear();
-            self.lost_limit = None;
             self.factor = self.factor.min(s.factor_entry.max(s.factor_min));
             return self.output();
         }
@@ -441,20 +457,23 @@ mod tests {
             let mut factor = 1.0;
             for _ in 0..500 {
                 let load = 2000.0 * libm::pow(factor, 0.75);
-                factor = feed.step(sensor.read(load, None), factor, true).factor;
+                factor = feed.step(sensor.read(load, None), factor, CutPhase::Feed).factor;
             }
             assert!(factor > 0.5);
             let mut time = 0.0;
             while factor > 0.0 {
-                let output = feed.step(sensor.read(2000.0, Some(fault)), factor, true);
+                let output = feed.step(sensor.read(2000.0, Some(fault)), factor, CutPhase::Feed);
                 factor = output.factor;
                 time += PERIOD_S;
                 assert!(time <= TURN_S, "{fault:?}");
             }
-            let output = feed.step(sensor.read(2000.0, None), 0.0, true);
+            let output = feed.step(sensor.read(2000.0, None), 0.0, CutPhase::Feed);
             assert!(matches!(output.stop, Some(AdaptiveStop::Sensor(_))), "{output:?}");
             feed.reset();
-            assert_eq!(feed.step(sensor.read(2000.0, None), 0.0, true).stop, None);
+            assert_eq!(
+                feed.step(sensor.read(2000.0, None), 0.0, CutPhase::Feed).stop,
+                None
+            );
         }
     }
 
@@ -470,7 +489,7 @@ mod tests {
         };
         let mut stop = None;
         for k in 0..40 {
-            stop = feed.step(sample(k, 5000.0 + k as f64), 0.2, true).stop;
+            stop = feed.step(sample(k, 5000.0 + k as f64), 0.2, CutPhase::Feed).stop;
         }
         assert!(matches!(
             stop,

@@ -85,7 +85,7 @@ mod watch;
 mod wear;
 mod workpiece;
 
-pub use adaptive::{AdaptiveError, AdaptiveFeed, AdaptiveOutput, AdaptiveSettings, AdaptiveStop};
+pub use adaptive::{AdaptiveError, AdaptiveFeed, AdaptiveOutput, AdaptiveSettings, AdaptiveStop, CutPhase};
 pub use adaptive_file::adaptive_schema;
 pub use axis::{AxisDrive, AxisPoint};
 pub use blank::{Blank, BlankError};

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use evolvent_turning::{AdaptiveFeed, AdaptiveSettings, Blank, Sensor, SensorModel, Workpiece};
+use evolvent_turning::{AdaptiveFeed, AdaptiveSettings, Blank, CutPhase, Sensor, SensorModel, Workpiece};
 
 use crate::common::{PERIOD_S, SET, TURN_S, law, tool};
 
@@ -77,7 +77,7 @@ fn drive(
         late.push_back(now.load);
         let sample = sensor.read(late.pop_front().unwrap(), None);
         if let Some(feed) = &mut feed {
-            let output = feed.step(sample, now.factor, true);
+            let output = feed.step(sample, now.factor, CutPhase::Feed);
             assert_eq!(output.stop, None);
             now.factor = output.factor;
         }

@@ -6,7 +6,7 @@
 )]
 
 use evolvent_machine::LoadSample;
-use evolvent_turning::{AdaptiveFeed, AdaptiveSettings, Blank, Sensor, SensorModel, Workpiece};
+use evolvent_turning::{AdaptiveFeed, AdaptiveSettings, Blank, CutPhase, Sensor, SensorModel, Workpiece};
 
 use crate::common::{PERIOD_S, Random, SET, TURN_S, cases, law, random_rough_stock, random_stock, tool};
 
@@ -86,13 +86,61 @@ impl Pass {
             value: left * sample.value,
             ..sample
         });
-        let output = self.feed.step(sample, self.factor, true);
+        let output = self.feed.step(sample, self.factor, CutPhase::Feed);
         assert_eq!(output.stop, None);
         (self.factor, self.in_air) = (output.factor, output.in_air);
         self.place += self.factor * FEED / TURN_S * PERIOD_S;
         let cut = self.piece.step(self.place, 0.0);
         (self.load, self.depth) = (cut.load, cut.depth_mm);
         self.time_s += PERIOD_S;
+    }
+}
+
+impl Pass {
+    /// One cycle of a hold: the axes stand, and nothing is cut.
+    fn hold(&mut self) {
+        let sample = self.sensor.read(0.0, None);
+        self.feed.step(sample, 0.0, CutPhase::Rest);
+        self.piece.step(self.place, 0.0);
+        self.time_s += PERIOD_S;
+    }
+}
+
+/// The load is lost while the program is held in the cut.
+#[test]
+fn a_load_lost_in_a_hold_is_not_taken_for_air() {
+    for (name, blank) in blanks() {
+        for at_mm in [8.0, 15.0, 25.0, 60.0] {
+            let mut pass = Pass::new(
+                blank.clone(),
+                AdaptiveSettings::usual(2200.0, TURN_S, PERIOD_S),
+                0.01,
+            );
+            while pass.place < at_mm {
+                pass.step(None);
+            }
+            if pass.in_air || pass.depth < 1.5 {
+                continue;
+            }
+            let factor = pass.factor;
+            (0..500).for_each(|_| pass.hold());
+            let whole = pass.clone();
+            for cycle in 0..1000 {
+                pass.step(Some((Loss::Zero, f64::from(cycle) * PERIOD_S)));
+                assert!(
+                    pass.factor <= factor.max(0.2) + 1e-9,
+                    "{name} at {at_mm}: {} of {factor}",
+                    pass.factor
+                );
+            }
+            // With a load it is the hold of any cut: as fast again within some revolutions.
+            let (mut pass, mut fastest) = (whole, 0.0_f64);
+            for _ in 0..500 {
+                pass.step(None);
+                fastest = fastest.max(pass.factor);
+            }
+            assert!(fastest > 0.8 * factor, "{name} at {at_mm}: {fastest} of {factor}");
+        }
     }
 }
 
