@@ -158,7 +158,7 @@ fn where_time_is_not_real_no_command_is_carried_out() {
         .json();
     assert_eq!(summary["end_position"][0], 0.0);
     let notes = summary["notes"].to_string();
-    assert!(notes.contains("1 commands of the machine's own"), "{notes}");
+    assert!(notes.contains("1 user-defined M codes"), "{notes}");
     evolvent_tests::run([
         "check".as_ref(),
         shop.program.as_os_str(),

@@ -214,7 +214,7 @@ fn invalid_files_are_rejected_with_key_and_advice() {
             "max_feed_mm_min = 6000",
             "max_feed_mm_min = 6000\nmax_feed_mm_s = 100",
         )],
-        &["bad.toml:9:1: limits.max_feed_mm_s: given a second time"],
+        &["bad.toml:9:1: limits.max_feed_mm_s: given twice: max_feed_mm_min"],
     );
     rejected(
         &[("mode = \"exact\"", "mode = \"exakt\"")],
@@ -265,7 +265,7 @@ fn invalid_files_are_rejected_with_key_and_advice() {
     }
     rejected(
         &[("letter = \"x\"", "letter = \"Q\"")],
-        &["22:1: axis[0].letter:", "\"Q\" is no axis"],
+        &["22:1: axis[0].letter:", "\"Q\" is not an axis"],
     );
     rejected(&[("letter = \"x\"", "letter = \"\"")], &["axis[0].letter"]);
     rejected(
@@ -322,7 +322,7 @@ fn invalid_files_are_rejected_with_key_and_advice() {
             "max_velocity_mm_min = 30000",
             "max_velocity_mm_min = 30000\nmax_velocity_mm_s = 500",
         )],
-        &["26:1: axis[0].max_velocity_mm_s: given a second time"],
+        &["26:1: axis[0].max_velocity_mm_s: given twice"],
     );
     rejected(
         &[("max_velocity_mm_min = 30000", "max_velocity_mm_min = \"fast\"")],

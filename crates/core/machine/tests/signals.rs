@@ -93,7 +93,7 @@ fn invalid_signals_are_rejected_with_advice() {
     rejected(
         "name = \"clamp\"",
         "name = \"pressure\"",
-        &["output[0].name", "input[1] already", "its own name"],
+        &["output[0].name", "already used by input[1]", "its own name"],
     );
     rejected(
         "name = \"clamp\"",
@@ -110,7 +110,7 @@ fn invalid_signals_are_rejected_with_advice() {
     rejected(
         "name = \"pressure\"\nkind = \"analog\"",
         "name = \"pressure\"",
-        &["input[1]", "digital number 0 is used by input[0]"],
+        &["input[1]", "digital number 0 is already used by input[0]"],
     );
     rejected(
         "safe_on = true",

@@ -226,7 +226,7 @@ fn a_message_of_another_version_is_refused_by_name() {
         .expect("sent");
     let error = core.feedback().expect_err("another version").to_string();
     assert!(
-        error.contains("version 99") && error.contains("knows 1"),
+        error.contains("version 99") && error.contains("supports 1"),
         "{error}"
     );
     assert_eq!(core.feedback(), Ok(None));

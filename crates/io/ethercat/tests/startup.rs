@@ -99,7 +99,7 @@ fn device_refusing_safe_op_is_named_with_remedy() {
         FaultKind::RefuseSafeOp,
         2,
         &[
-            "a device did not come into SAFE-OP: `y-drive` is in Pre-Operational (0x0024: Invalid Input \
+            "a device did not reach SAFE-OP: `y-drive` is in Pre-Operational (0x0024: Invalid Input \
              Mapping): compare its process data",
             "which `--scan` lists",
         ],
@@ -112,7 +112,7 @@ fn device_refusing_op_is_named_with_remedy() {
         FaultKind::RefuseOp,
         3,
         &[
-            "a device did not come into OP: `z-drive` is in Safe-Operational (0x0035: DC Invalid Sync Cycle \
+            "a device did not reach OP: `z-drive` is in Safe-Operational (0x0035: DC Invalid Sync Cycle \
              Time): it does not support this period",
             "set `rate` in the machine file",
         ],

@@ -316,7 +316,7 @@ fn losses_that_allow_a_counter_wrap_are_refused() {
     };
     with_bridge_to(BoardModel::B7i97, fast, |core, _, messages| {
         core.rest(1.5);
-        let wanted = "encoder 0 turns over in 41.7 ms at 1.2 times the maximum speed, which is not seen \
+        let wanted = "encoder 0 overflows in 41.7 ms at 1.2 times the maximum speed, which is not detected \
                       while max_lost_packets = 41 replies are missing: choose max_lost_packets = 19 or \
                       less, or a higher control rate";
         assert!(messages.contain(wanted), "{messages:?}");
