@@ -329,7 +329,7 @@ fn bad_cycles_are_refused_at_their_line_before_motion() {
         ("S500 M3", "S20000 M3", "revolution"),
         ("G0 X35", "G0 X60", "edge reaches"),
         ("H0.3", "R66 L259", "lead angle"),
-        ("G0 Z300\n", "G0 Z598\n", "room"),
+        ("G0 Z300\n", "G0 Z598\n", "needs space"),
     ] {
         assert!(PROGRAM.contains(from), "{from}");
         let (line, text) = refused(&PROGRAM.replace(from, to), Some(process()));
