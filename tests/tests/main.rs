@@ -40,7 +40,6 @@ mod random_faults;
 mod real_programs;
 mod run_status;
 mod same_bits;
-mod screen_page;
 mod screen_server;
 mod served_drives;
 mod served_recording;
