@@ -296,3 +296,54 @@ fn stops_are_short_and_cheap_at_any_ratio_of_jerk() {
         }
     }
 }
+
+/// The target changes while the rate lands, on machines with long steps: from there it is a stop from a
+/// constant rate.
+#[test]
+fn a_stop_requested_in_a_landing_is_short() {
+    for (a, ratio_s) in [300.0, 3000.0]
+        .into_iter()
+        .flat_map(|a| [0.1, 0.5, 1.0].map(|ratio_s| (a, ratio_s)))
+    {
+        let j = a / ratio_s;
+        let limits = Limits {
+            acceleration: Axes::repeat(a),
+            jerk: Axes::repeat(j),
+            velocity: Axes::repeat(1e4),
+            ..limits()
+        };
+        for part in [0.02, 0.1, 0.3] {
+            let v = a * ratio_s;
+            let (mut queue, _) = cruise(v, 6.0 * ratio_s);
+            let mut preview = PlanPreview::new(&limits);
+            let first = queue.step(0).and_then(|step| match step {
+                Step::TimedSegment(flow) => Some(flow),
+                _ => None,
+            });
+            preview.begin(0, first.expect("a piece"), 0.0);
+            let mut slowdown = Slowdown::new(part);
+            let (mut seconds, mut since) = (0.0, None);
+            while !slowdown.is_at_rest() {
+                let mut ahead = Ahead {
+                    preview: &mut preview,
+                    queue: &mut queue,
+                };
+                slowdown.advance(PERIOD_S, &limits, &mut ahead);
+                seconds += PERIOD_S;
+                if since.is_none() && slowdown.phase == Phase::Landing && slowdown.left < 2.0 * PERIOD_S {
+                    since = Some(seconds + slowdown.left);
+                    assert_eq!(slowdown.lead_to(0.0), Lead::Other);
+                }
+                let Scale { first, second, .. } = slowdown.scale();
+                assert!((first * v).abs() <= 1.001 * a && (second * v).abs() <= 1.01 * j);
+                assert!(seconds < 10.0 * ratio_s, "{a} {ratio_s} {part}: {slowdown:?}");
+            }
+            let least = 2.0 * (part * v / j).sqrt().max(part * v / a);
+            let took = seconds - since.expect("a landing");
+            assert!(
+                took <= 1.15 * least + 0.015,
+                "{a} {ratio_s} {part}: {took} of {least}"
+            );
+        }
+    }
+}
