@@ -27,6 +27,7 @@ mod leaving_random;
 mod linuxcnc_tools;
 mod long_programs;
 mod machines_by_name;
+mod network_commands;
 mod number_names;
 mod operate_by_ctl;
 mod operate_commands;

@@ -1,12 +1,11 @@
 //! `evolvent bridge ethercat`: EtherCAT drives as the axes of a machine.
 
-use std::fs::File;
 use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
 use evolvent_bus::BusError;
-use evolvent_config::check_outputs;
+use evolvent_config::{check_outputs, write_new};
 use evolvent_ethercat::{
     BridgeError, DumpSettings, EsiLibrary, Network, RunError, RunSettings, ScanError, check_fit, fit_notes,
     network_text, run as run_bridge, scan, scan_json, scan_text,
@@ -86,6 +85,13 @@ fn scan_wire(args: &EthercatArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     for path in &args.esi {
         library.add(path).map_err(|error| usage(error.to_string()))?;
     }
+    let exists = args.write.as_deref().filter(|path| path.exists());
+    if let Some(path) = exists {
+        return Err(usage(format!(
+            "{}: the network file exists, so nothing was scanned; choose a path that does not exist",
+            path.display()
+        )));
+    }
     let mut devices = scan(interface).map_err(|error| match error {
         ScanError::Interface { .. } => usage(error.to_string()),
         error => CommandError::Failed(error.to_string()),
@@ -104,8 +110,7 @@ fn scan_wire(args: &EthercatArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
             "no device is a CiA 402 drive: a network file needs one, so none was written".to_owned(),
         )
     })?;
-    let written = File::create_new(path).and_then(|mut file| file.write_all(text.as_bytes()));
-    written.map_err(|error| {
+    write_new(path, text.as_bytes()).map_err(|error| {
         usage(format!(
             "{}: the network file cannot be written: {error}; choose a path that does not exist",
             path.display()

@@ -22,7 +22,7 @@
 //! ```
 //!
 //! [`open_regular`], [`read_regular`] and [`read_text`] open regular files only, with a time limit.
-//! [`OutputFile`] and [`write_whole`] write a file completely or not at all; [`check_outputs`] compares the
+//! [`OutputFile`], [`write_whole`] and [`write_new`] write a file completely or not at all; [`check_outputs`] compares the
 //! files that a command writes with those that it reads. [`ProgramNumber`] writes numbers of part programs.
 //!
 //! # Guarantees
@@ -44,7 +44,7 @@ pub use config_document::ConfigDocument;
 pub use error::ConfigError;
 pub use file::{FILE_TIMEOUT, no_reply, open_regular, read_regular, within};
 pub use output_conflict::{OutputConflict, check_outputs};
-pub use output_file::{OutputFile, is_stream, write_whole};
+pub use output_file::{OutputFile, is_stream, write_new, write_whole};
 pub use program_number::ProgramNumber;
 pub use text_file::{TextFileError, read_text};
 pub use words::{plain, shortened};

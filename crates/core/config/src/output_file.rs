@@ -105,6 +105,18 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     output.finish().map(drop)
 }
 
+/// Writes a file that does not exist, completely or not at all.
+///
+/// # Errors
+/// The file exists, or the disk is full. An existing file is unchanged.
+pub fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut aside = hidden_file(path)?;
+    aside.write_all(bytes)?;
+    aside.as_file().sync_all()?;
+    aside.persist_noclobber(path).map_err(|error| error.error)?;
+    Ok(())
+}
+
 /// Whether a path names a device, a pipe or a socket instead of a file.
 #[must_use]
 pub fn is_stream(path: &Path) -> bool {
@@ -141,6 +153,18 @@ fn folder_of(path: &Path) -> &Path {
 mod tests {
     use super::*;
     use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _, symlink};
+
+    #[test]
+    fn a_new_file_replaces_none_and_leaves_no_part() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("network.toml");
+        write_new(&path, b"first").unwrap();
+        let error = write_new(&path, b"second").unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::AlreadyExists);
+        assert_eq!(std::fs::read(&path).unwrap(), b"first");
+        assert_eq!(names(folder.path()), ["network.toml"]);
+        assert!(write_new(&folder.path().join("absent/network.toml"), b"first").is_err());
+    }
 
     fn names(folder: &Path) -> Vec<OsString> {
         let mut names: Vec<_> = std::fs::read_dir(folder)
