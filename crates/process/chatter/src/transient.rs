@@ -118,8 +118,8 @@ impl<'a> TransientFollower<'a> {
         }
     }
 
-    /// Counts a disturbance as dead if it has fallen to [`HASTY_DEAD_PART`] of its size, in windows of half the length, by
-    /// the exponential Adams method. Use it if no smaller cycle is known.
+    /// Counts a disturbance as dead if it has fallen to [`HASTY_DEAD_PART`] of its size, in windows of half the
+    /// length, by the exponential Adams method. Use it if no smaller cycle is known.
     pub(crate) fn hasty(self) -> Self {
         Self {
             dead: HASTY_DEAD_PART,

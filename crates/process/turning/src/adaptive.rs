@@ -202,7 +202,8 @@ pub struct AdaptiveFeed {
     air_s: f64,
     contact_s: f64,
     recent: RecentCut,
-    /// The largest factor since a cut lost its load, until a rapid, or contact for a whole revolution.
+    /// The largest factor since a cut lost its load, until contact for a whole revolution. A rapid raises it to
+    /// that of an entry.
     lost_limit: Option<f64>,
 }
 
@@ -288,9 +289,11 @@ impl AdaptiveFeed {
         let view = self.watch.step(sample, self.chip.step(driven));
         if phase != CutPhase::Feed {
             // Neither is adapted; the next cut starts with a new contact. After a hold the tool is still in the
-            // cut: without a load it does not go on as in air.
+            // cut: without a load it does not go on as in air. After a rapid it may be in a cut again, and the
+            // sensor dead: until a load shows that it is not, the feed is at most that of an entry.
             if phase == CutPhase::Rapid {
-                self.lost_limit = None;
+                let entry = s.factor_entry.min(1.0);
+                self.lost_limit = self.lost_limit.map(|limit| limit.max(entry));
             } else {
                 self.lose_contact();
             }

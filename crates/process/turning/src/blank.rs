@@ -91,7 +91,7 @@ impl Blank {
             }
         };
         for &(position, height) in &self.outline_mm {
-            within("a place", position, -1e4, 1e5)?;
+            within("a position", position, -1e4, 1e5)?;
             within("a height", height, 0.0, 1e3)?;
         }
         for pair in self.outline_mm.windows(2) {

@@ -97,12 +97,45 @@ impl Pass {
 }
 
 impl Pass {
+    fn rapid(&mut self) {
+        let sample = self.sensor.read(0.0, None);
+        self.factor = self.feed.step(sample, 0.0, CutPhase::Rapid).factor;
+        self.time_s += PERIOD_S;
+    }
+
     /// One cycle of a hold: the axes stand, and nothing is cut.
     fn hold(&mut self) {
         let sample = self.sensor.read(0.0, None);
         self.feed.step(sample, 0.0, CutPhase::Rest);
         self.piece.step(self.place, 0.0);
         self.time_s += PERIOD_S;
+    }
+}
+
+/// The sensor dies in a cut; after a rapid the next pass is a cut of which no load is seen.
+#[test]
+fn a_dead_sensor_is_no_air_in_later_passes() {
+    let settings = AdaptiveSettings::usual(2200.0, TURN_S, PERIOD_S);
+    for (name, blank) in blanks() {
+        let mut pass = Pass::new(blank, settings, 0.01);
+        while pass.place < 15.0 {
+            pass.step(None);
+        }
+        if pass.in_air || pass.depth < 1.5 {
+            continue;
+        }
+        for _ in 0..3 {
+            (0..1000).for_each(|_| pass.step(Some((Loss::Zero, 0.0))));
+            (0..200).for_each(|_| pass.rapid());
+            for _ in 0..1000 {
+                pass.step(Some((Loss::Zero, 0.0)));
+                assert!(
+                    pass.factor <= settings.factor_entry.min(1.0) + 1e-9,
+                    "{name}: {}",
+                    pass.factor
+                );
+            }
+        }
     }
 }
 
