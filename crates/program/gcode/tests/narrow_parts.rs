@@ -145,6 +145,36 @@ fn a_narrow_throat_is_found_in_thousands_of_chords() {
     }
 }
 
+/// A disc in many moves takes about as long in arcs as in chords: only nearby moves are compared.
+#[test]
+fn thousands_of_arcs_take_about_as_long_as_chords() {
+    let seconds = |is_arc: bool| {
+        let radius = 80.0;
+        let mut text = "G21 G90 F300\nG0 X110 Y-30\nG42.1 D10\nG1 X80 Y-10\nG1 X80 Y0\n".to_owned();
+        let moves = 8000;
+        let point = |k: u32| {
+            let angle = std::f64::consts::TAU * f64::from(k) / f64::from(moves);
+            [radius * angle.cos(), radius * angle.sin()]
+        };
+        for k in 1..=moves {
+            let ([from_x, from_y], [x, y]) = (point(k - 1), point(k));
+            let word = if is_arc {
+                format!("G3 X{x:.6} Y{y:.6} I{:.6} J{:.6}\n", -from_x, -from_y)
+            } else {
+                format!("G1 X{x:.6} Y{y:.6}\n")
+            };
+            text.push_str(&word);
+        }
+        text.push_str("G1 X80 Y10\nG40 G1 X110 Y30\nM2\n");
+        let begin = std::time::Instant::now();
+        assert_eq!(near(&text), [], "arcs: {is_arc}");
+        begin.elapsed().as_secs_f64()
+    };
+    let (chords, arcs) = (seconds(false), seconds(true));
+    // Measured 2 to 3; with the boxes of whole circles every arc is compared with every other.
+    assert!(arcs < 20.0 * chords, "{arcs} s in arcs, {chords} s in chords");
+}
+
 #[test]
 fn an_island_too_close_to_the_wall_is_reported() {
     let program = |gap: f64, depth: f64, inner: f64| {

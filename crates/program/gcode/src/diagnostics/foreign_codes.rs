@@ -41,11 +41,11 @@ pub(crate) fn g_code(tenths: u32) -> Option<(&'static str, &'static str)> {
         ),
         220 | 230 => (
             "stored travel limits (G22, G23) are not codes of this dialect",
-            "delete the line: the travel of the axes is in the machine file",
+            "delete the code: the travel of the axes is in the machine file",
         ),
         250 | 260 => (
             "the watch of the spindle speed (G25, G26) is not a code of this dialect",
-            "delete the line",
+            "delete the code and its words",
         ),
         270 => (
             "G27, the check of the reference position, is not a code of this dialect",
@@ -110,7 +110,7 @@ pub(crate) fn g_code(tenths: u32) -> Option<(&'static str, &'static str)> {
         ),
         620 | 630 => (
             "the feed in corners and the mode for tapping (G62, G63) are not codes of this dialect",
-            "delete the line: G64 P.. sets the tolerance at corners, and G84 taps",
+            "delete the code: G64 P.. sets the tolerance at corners, and G84 taps",
         ),
         650 | 660 | 661 | 670 => (
             "macro calls (G65, G66, G67) are not codes of this dialect: subroutines are called by O-words",
@@ -157,8 +157,8 @@ pub(crate) fn g_code(tenths: u32) -> Option<(&'static str, &'static str)> {
 #[cold]
 pub(crate) fn m_code(number: u32) -> Option<(&'static str, &'static str)> {
     Some(match number {
-        10 | 11 | 68 | 69 => (
-            "a clamp (M10, M11, M68, M69) is a command of the machine in other dialects",
+        10 | 11 | 69 => (
+            "a clamp (M10, M11, M69) is a command of the machine in other dialects",
             USER_CODE,
         ),
         13 => (

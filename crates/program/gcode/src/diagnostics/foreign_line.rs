@@ -87,7 +87,7 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
             "delete the line, or write it as a comment: (NAME)",
         ));
     }
-    if let Some(control) = line
+    if let Some(control) = code
         .chars()
         .find(|character| character.is_ascii_control() && !character.is_ascii_whitespace())
         .filter(|_| {
@@ -177,9 +177,11 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
 /// The first number with a comma in place of the decimal point, with the letter before it.
 fn decimal_comma(bare: &str) -> Option<&str> {
     let bytes = bare.as_bytes();
-    let is_digit = |place: usize| bytes.get(place).is_some_and(u8::is_ascii_digit);
+    let is_digit = |index: usize| bytes.get(index).is_some_and(u8::is_ascii_digit);
+    // Functions have two values in brackets on other controls.
+    let before = bare.find(['[', '(']).unwrap_or(bytes.len());
     let comma =
-        (1..bytes.len()).find(|place| bytes[*place] == b',' && is_digit(place - 1) && is_digit(place + 1))?;
+        (1..before).find(|index| bytes[*index] == b',' && is_digit(index - 1) && is_digit(index + 1))?;
     let is_of_number = |byte: &u8| byte.is_ascii_digit() || matches!(byte, b'+' | b'-');
     let digits = bytes[..comma]
         .iter()
@@ -187,11 +189,14 @@ fn decimal_comma(bare: &str) -> Option<&str> {
         .take_while(|byte| is_of_number(byte))
         .count();
     let has_letter = comma > digits && bytes[comma - digits - 1].is_ascii_alphabetic();
+    if !has_letter {
+        return None;
+    }
     let fraction = bytes[comma + 1..]
         .iter()
         .take_while(|byte| byte.is_ascii_digit())
         .count();
-    bare.get(comma - digits - usize::from(has_letter)..comma + 1 + fraction)
+    bare.get(comma - digits - 1..comma + 1 + fraction)
 }
 
 /// An expression without brackets after `#1 =`.
@@ -389,7 +394,12 @@ fn corners(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> 
         .iter()
         .find(|word| word.span == fault.span)
         .filter(|_| is_move && matches!(fault.code, Code::NoSuchAxis | Code::UnusedWord))?;
+    // The taper of a cycle of one pass.
+    let is_cycle = [90.0, 92.0, 94.0]
+        .iter()
+        .any(|code| span_of(block, b'G', *code).is_some());
     let (what, cure) = match word.letter {
+        b'R' if is_cycle => return None,
         b'C' => ("a chamfer", "write the chamfer as a line: G1 X.. Z.."),
         b'R' => (
             "the rounding of a corner",
@@ -422,8 +432,9 @@ fn words_of_cycles(block: &Block, fault: &Fault) -> Option<Fault> {
         .find(|word| word.span == fault.span)
         .filter(|_| fault.code == Code::UnusedWord)?;
     let (number, value) = (cycle.value, word.value);
+    let has_depths = has(block, b'I') || has(block, b'J');
     match word.letter {
-        b'K' => Some(again(
+        b'K' if !has_depths => Some(again(
             fault,
             "K, the repetitions of a cycle on other controls, is L in this dialect",
             if value == 0.0 {
@@ -439,7 +450,7 @@ fn words_of_cycles(block: &Block, fault: &Fault) -> Option<Fault> {
             format!("G{number} has no dwell in this dialect"),
             format!("delete P{value}; G82 drills with a dwell of P seconds at the bottom"),
         )),
-        b'I' | b'J' => Some(again(
+        b'I' | b'J' | b'K' => Some(again(
             fault,
             format!("G{number} has the same depth for each peck in this dialect"),
             "write Q, the depth of a peck, in place of I, J and K",
@@ -450,7 +461,11 @@ fn words_of_cycles(block: &Block, fault: &Fault) -> Option<Fault> {
 
 /// G73 of other lathes.
 fn repeated_profile(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
-    let span = span_of(block, b'G', 73.0).filter(|_| around.is_lathe)?;
+    let is_of_words = matches!(
+        fault.code,
+        Code::NoSuchAxis | Code::UnusedWord | Code::WordMissing
+    );
+    let span = span_of(block, b'G', 73.0).filter(|_| around.is_lathe && is_of_words)?;
     b"UW".iter().any(|letter| has(block, *letter)).then(|| {
         Fault::new(
             fault.code,

@@ -310,9 +310,11 @@ fn check_radii(
             line.motion_span(),
             format!("Zero-radius arc: {figures}"),
         )
-        .help(format!(
-            "{i} and {j} are the distance from the start to the centre"
-        )));
+        .help(if state.modes.arc_centre_absolute {
+            format!("{i} and {j} are the coordinates of the centre (G90.1)")
+        } else {
+            format!("{i} and {j} are the distance from the start to the centre")
+        }));
     }
     let message = format!(
         "Radius to end of arc differs from radius to start: {figures} abs_err={:.4} rel_err={:.4}%",
@@ -325,7 +327,9 @@ fn check_radii(
         ["from the start (G91.1)", "absolute", "G90.1"]
     };
     let [r1, r2] = radii_otherwise(state, start, end, line, letters);
-    let fits = !is_zero(r1) && !is_zero(r2) && !differ(r1, r2);
+    // G90.1 needs both words.
+    let has_both = letters.centre[..2].iter().all(|letter| line.has(*letter));
+    let fits = has_both && !is_zero(r1) && !is_zero(r2) && !differ(r1, r2);
     let help = if fits {
         format!("the circle fits if {i} and {j} are {other}: write {code} on a line before")
     } else {

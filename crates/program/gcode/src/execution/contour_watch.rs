@@ -61,22 +61,18 @@ impl Piece {
         let (from, to) = (curve.start(), curve.end());
         let (start, end) = (sub(plane.project(&from), aside), sub(plane.project(&to), aside));
         let heights = [from[third].min(to[third]), from[third].max(to[third])];
-        let mut lowest = [start[0].min(end[0]), start[1].min(end[1])];
-        let mut highest = [start[0].max(end[0]), start[1].max(end[1])];
+        let lowest = [start[0].min(end[0]), start[1].min(end[1])];
+        let highest = [start[0].max(end[0]), start[1].max(end[1])];
         let arc = match curve {
             Curve::Line(_) if length(sub(end, start)) > 0.0 => None,
             Curve::Arc(arc) if arc.plane() == plane => {
                 let (centre, radius) = (sub(arc.centre_mm(), aside), arc.radius_mm());
                 let ray = sub(start, centre);
-                for axis in 0..2 {
-                    lowest[axis] = centre[axis] - radius;
-                    highest[axis] = centre[axis] + radius;
-                }
                 Some((centre, radius, libm::atan2(ray[1], ray[0]), arc.sweep_rad()))
             }
             _ => return None,
         };
-        Some(Self {
+        let mut piece = Self {
             start,
             end,
             arc,
@@ -86,7 +82,26 @@ impl Piece {
             line: 0,
             is_feed: true,
             at: 0,
-        })
+        };
+        piece.include_extremes();
+        Some(piece)
+    }
+
+    /// Extends the box of an arc to the extreme points of its circle that it reaches.
+    fn include_extremes(&mut self) {
+        let Some((centre, radius, ..)) = self.arc else {
+            return;
+        };
+        for axis in 0..2 {
+            for signed in [-radius, radius] {
+                let mut point = centre;
+                point[axis] += signed;
+                if self.reaches(point) {
+                    self.lowest[axis] = self.lowest[axis].min(point[axis]);
+                    self.highest[axis] = self.highest[axis].max(point[axis]);
+                }
+            }
+        }
     }
 
     /// Whether the bounding boxes of two pieces are farther apart than a distance.
@@ -545,8 +560,9 @@ impl ContourWatch {
             found.push(warning(
                 edge.line,
                 format!(
-                    "cutter compensation of more than {MAX_EDGES} moves: places that are narrower than the tool \
-                     are not searched; end it with G40 between contours, or program the path of the tool"
+                    "cutter compensation of more than {MAX_EDGES} moves, corners included: parts that are narrower \
+                     than the tool are not searched; end it with G40 between contours, or program the path of \
+                     the tool"
                 ),
             ));
         }

@@ -322,8 +322,8 @@ impl Executor<'_> {
         if let Some(radius) = line.word(b'R') {
             if what != 1 && !line.has_axes() {
                 self.out(Action::Warning(format!(
-                    "R{radius} becomes the radius of tool {number}; on other controls G10 L{what} P R sets the \
-                     length or the wear, which is G10 L1 P{number} Z.. in this dialect"
+                    "R{radius} becomes the radius of tool {number}; on other controls G10 L{what} P R sets its \
+                     length (here G10 L1 P{number} Z..) or the wear of its length"
                 )));
             }
             tool.diameter_mm = 2.0 * radius * self.state.unit_mm();
