@@ -108,6 +108,11 @@ impl PlanPreview {
         self.longest_s
     }
 
+    /// Maximum number of pieces of which the preview stores samples: each has one at its start and one at its end.
+    pub(crate) fn max_pieces(&self) -> usize {
+        self.samples.len() / 2
+    }
+
     /// Plan time at which the plan rests, as far as it is known.
     pub(crate) fn rests_at(&self) -> Option<f64> {
         self.rests_at

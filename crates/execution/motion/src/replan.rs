@@ -431,14 +431,20 @@ impl PathExecutor {
         };
         // Everything that the step, or a request that it makes, can read.
         let mut left = time + self.period * (2 * self.replan.lead + 4) as f64 - flow.piece.duration_s;
-        if cursor.slowdown.is_some() && answered.is_none() {
-            left += self.preview.longest_s();
-        }
+        // As far as a slowdown looks ahead, which is a time and a number of pieces: more may not fit into the queue.
+        let (ahead_s, mut pieces) = if cursor.slowdown.is_some() && answered.is_none() {
+            (self.preview.longest_s(), self.preview.max_pieces())
+        } else {
+            (0.0, 0)
+        };
         // A tail that was claimed is driven to its end.
         let mut tail = cursor.starved && answered.is_none();
         for _ in 0..MAX_AHEAD {
             if left < 0.0 {
-                return true;
+                if ahead_s + left < 0.0 || pieces == 0 {
+                    return true;
+                }
+                pieces -= 1;
             }
             let (next, is_final) = queue.successor(step);
             tail |= queue.is_claimed(step);

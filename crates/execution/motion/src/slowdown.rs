@@ -54,14 +54,17 @@ const LONGEST_STEP_S: f64 = 64.0 * SHORTEST_STEP_S;
 /// earlier, for 1.6 times the work; 0.25 ms another 1.9 ms and at most 16 ms, for 2.6 times the work.
 const TRIAL_FRACTION: f64 = 0.25;
 /// Numbers of steps of a recovery above which steps become longer, and below which they become shorter. The
-/// work per millisecond of a hold is bounded by the first; half of it is more than the second, so that a
-/// change is not reversed.
+/// first bounds the mean work per millisecond of a hold wherever the longer steps are safe; half of it is more
+/// than the second, so that a change is not reversed.
 const MAX_STEPS: u32 = 64;
 const MIN_STEPS: u32 = 24;
 /// Maximum number of steps of a recovery.
 const LONGEST_RECOVERY: u32 = 256;
-/// Number of values of `s''` between that of the recovery and the lowest that are tried in a step.
+/// Number of values of `s''` between that of the recovery and the lowest that are tried in a step, and that
+/// number in steps of more than [`LONG_STEP_S`]: all are tried in one cycle.
 const TRIALS: u32 = 4;
+const TRIALS_OF_LONG_STEPS: u32 = 1;
+const LONG_STEP_S: f64 = 8.0 * SHORTEST_STEP_S;
 /// Fractions of the acceleration and jerk limits that an axis may use. If the plan itself uses more, the same
 /// as the plan.
 const ALLOWED: (f64, f64) = (1.0, 1.002);
@@ -380,7 +383,12 @@ impl Slowdown {
                 safe = exact;
             }
         }
-        for _ in 0..TRIALS {
+        let trials = if step_s > LONG_STEP_S {
+            TRIALS_OF_LONG_STEPS
+        } else {
+            TRIALS
+        };
+        for _ in 0..trials {
             let middle = 0.5 * (safe + unsafe_second);
             if self.attempt(&mut follower, begin, middle) == Outlook::Safe {
                 safe = middle;
