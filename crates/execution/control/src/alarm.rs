@@ -138,8 +138,8 @@ alarms! {
     /// The cutting load was above its limit.
     CuttingLoad = 500, Fault, "the cutting load was too high; check tool and stock, then start again";
     /// The load sensor is implausible.
-    LoadSensor = 501, Fault, "the load sensor is not plausible; check the sensor and its cable, then start \
-                              again";
+    LoadSensor = 501, Fault, "the readings of the load sensor are missing or not plausible; check the sensor \
+                              and its cable, then start again";
     /// State cannot be saved.
     NotKept = 600, Warning, "offsets, tools or parameters cannot be saved; check the state folder";
     /// Saved state cannot be read.

@@ -63,7 +63,7 @@ onMachine('time, line and point of the path of a recorded run lead to each other
   await page.locator(at('compare-run')).click();
   await page.locator(at('comparison')).waitFor({ timeout: 30_000 });
   const found = await text(page, 'comparison');
-  const [, less] = /B minus A is (-?[0-9.]+) s/.exec(found) ?? [];
+  const [, less] = /time of B minus that of A is (-?[0-9.]+) s/.exec(found) ?? [];
   assert.ok(Number(less) < -0.8 && Number(less) > -2.5, found);
   assert.match(found, /the programs differ|same path|differ by/);
   // A line that is another one in B shows both texts.
