@@ -108,7 +108,7 @@ fn operate(prefix: &str, program: &Path) {
                 status.alarm_sentence()
             );
             operator.waits("rest", |status| status.activity == 0);
-            operator.ask(&command("CLEAR_ALARMS"));
+            operator.request(&command("CLEAR_ALARMS"));
         }
     }
     println!(
@@ -147,7 +147,7 @@ fn round(
     };
     let mut does = |operator: &mut Operator, request: &ControlRequest| {
         tally.commands += 1;
-        let answer = operator.ask(request);
+        let answer = operator.request(request);
         (answer.verdict == 0).then_some(answer.job)
     };
     let ends = |operator: &mut Operator, job: u64| {

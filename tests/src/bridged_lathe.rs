@@ -61,11 +61,11 @@ pub trait Lathe: Send + Sync {
     }
     /// Sets the coordinate of Z. A drive finds its zero some time after the edge of its switch, by an amount
     /// that no setting states.
-    fn stands_at(&self, _z: f64) {}
+    fn set_z(&self, _z: f64) {}
     /// Arguments of the bridge after `evolvent bridge`.
     fn bridge(&self, workshop: &Workshop) -> Vec<String>;
     /// The true state now.
-    fn look(&self) -> Sight;
+    fn observe(&self) -> Sight;
     /// Starts the trouble.
     fn trouble(&self, trouble: Trouble);
     /// Turns of the spindle per count of its encoder.
@@ -156,7 +156,7 @@ impl Lathe for MesaLathe {
         ["mesa", "--board", &board].map(str::to_owned).to_vec()
     }
 
-    fn look(&self) -> Sight {
+    fn observe(&self) -> Sight {
         let mut board = self.server.lock();
         let time_ns = now_ns();
         board.advance(time_ns);
@@ -281,7 +281,7 @@ impl Lathe for RingLathe {
             .to_vec()
     }
 
-    fn look(&self) -> Sight {
+    fn observe(&self) -> Sight {
         ring_sight(&self.ring, |turns| HOME[1] + turns * LEAD_MM)
     }
 
@@ -389,9 +389,9 @@ impl Lathe for ShippedLathe {
         Some(SWITCHES)
     }
 
-    fn stands_at(&self, z: f64) {
-        let seen = self.look().z;
-        *self.zero.lock().expect("no panic") += z - seen;
+    fn set_z(&self, z: f64) {
+        let shown = self.observe().z;
+        *self.zero.lock().expect("no panic") += z - shown;
     }
 
     fn bridge(&self, workshop: &Workshop) -> Vec<String> {
@@ -403,7 +403,7 @@ impl Lathe for ShippedLathe {
             .to_vec()
     }
 
-    fn look(&self) -> Sight {
+    fn observe(&self) -> Sight {
         let zero = *self.zero.lock().expect("no panic");
         ring_sight(&self.ring, |turns| zero + turns * SHIPPED_LEAD_MM)
     }

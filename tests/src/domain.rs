@@ -8,7 +8,7 @@ use evolvent_bus::{ClientBus, ClientConfig, bus_folders, remove_private_domain};
 
 use crate::served::PATIENCE;
 
-/// Time within which processes that nobody waits for have to end, on a busy host too.
+/// Time limit for the end of processes that no test waits for, on a busy host too.
 const ENDING: Duration = Duration::from_secs(20);
 
 /// A unique iceoryx2 prefix. On drop its files are removed, and it is checked that none remains.

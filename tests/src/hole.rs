@@ -114,7 +114,7 @@ impl Piece {
     /// The maximum distance of the piece from the chord between two points, mm, at 31 points of the piece.
     #[must_use]
     pub fn chord_error(&self, a: [f64; 2], b: [f64; 2]) -> f64 {
-        let at = |share: f64| [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
+        let at = |fraction: f64| [a[0] + fraction * (b[0] - a[0]), a[1] + fraction * (b[1] - a[1])];
         (1..32)
             .map(|i| self.distance(at(f64::from(i) / 32.0)))
             .fold(0.0, f64::max)

@@ -96,7 +96,7 @@ pub struct ThreadPass {
 /// # Panics
 /// If the trace cannot be read, or has no cycles.
 #[must_use]
-pub fn phases(trace: &Path, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Vec<ThreadPass> {
+pub fn phases(trace: &Path, pitch: f64, start: f64, z_range: std::ops::Range<f64>) -> Vec<ThreadPass> {
     let all = cycles(trace);
     let first = all.first().expect("cycles").sequence;
     let mut passes: Vec<ThreadPass> = Vec::new();
@@ -108,7 +108,7 @@ pub fn phases(trace: &Path, pitch: f64, start: f64, places: std::ops::Range<f64>
             continue;
         };
         let z = here.position[Z] + at.fract() * (next.position[Z] - here.position[Z]);
-        if here.velocity[Z] >= -1.0 || !places.contains(&z) {
+        if here.velocity[Z] >= -1.0 || !z_range.contains(&z) {
             continue;
         }
         if cycle > last_cycle + 50.0 {

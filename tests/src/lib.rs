@@ -1,6 +1,6 @@
 //! Tests across crates and with foreign clients: Evolvent as its users see it.
 //!
-//! The tests are in the `tests` folder beside this one and drive the binary. They share:
+//! The tests are in the `tests` folder next to this folder and run the binary. They share:
 //!
 //! - [`evolvent`], [`run`] and [`Finished`]: the binary under test, and the result of one command;
 //! - [`Launch`]: one `evolvent run`;

@@ -14,11 +14,11 @@ use crate::Domain;
 /// listener receives it.
 #[derive(Debug)]
 pub struct OutputListener {
-    heard: Arc<Mutex<Vec<MachineOutputs>>>,
+    messages: Arc<Mutex<Vec<MachineOutputs>>>,
     over: Arc<AtomicBool>,
     /// Number of requests by callers, and the last request before the thread last read the bus to its end.
-    asked: Arc<AtomicU64>,
-    answered: Arc<AtomicU64>,
+    requested: Arc<AtomicU64>,
+    completed: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -31,29 +31,29 @@ impl OutputListener {
             wait: Duration::from_secs(60),
             ..evolvent_bus::ClientConfig::new(name)
         };
-        let (heard, over) = (Arc::new(Mutex::new(Vec::new())), Arc::new(AtomicBool::new(false)));
-        let (asked, answered) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
-        let (received, ended) = (Arc::clone(&heard), Arc::clone(&over));
-        let (question, answer) = (Arc::clone(&asked), Arc::clone(&answered));
+        let (messages, over) = (Arc::new(Mutex::new(Vec::new())), Arc::new(AtomicBool::new(false)));
+        let (requested, completed) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
+        let (received, ended) = (Arc::clone(&messages), Arc::clone(&over));
+        let (request, completion) = (Arc::clone(&requested), Arc::clone(&completed));
         let thread = std::thread::spawn(move || {
             let bus = evolvent_bus::ClientBus::open(&config).expect("the bus");
             let mut outputs = bus.outputs().expect("outputs");
             let mut setpoints = bus.setpoints().expect("setpoints");
             while !ended.load(Ordering::Acquire) {
-                let until = question.load(Ordering::Acquire);
+                let until = request.load(Ordering::Acquire);
                 while let Ok(Some(_)) = setpoints.receive() {}
                 while let Ok(Some(message)) = outputs.receive() {
                     received.lock().expect("nobody panicked").push(message);
                 }
-                answer.store(until, Ordering::Release);
+                completion.store(until, Ordering::Release);
                 std::thread::sleep(Duration::from_millis(1));
             }
         });
         Self {
-            heard,
+            messages,
             over,
-            asked,
-            answered,
+            requested,
+            completed,
             thread: Some(thread),
         }
     }
@@ -64,16 +64,16 @@ impl OutputListener {
     /// If the listener has not read the bus within a minute: no core started, or the thread has failed.
     #[must_use]
     pub fn messages(&self) -> Vec<MachineOutputs> {
-        let question = self.asked.fetch_add(1, Ordering::AcqRel) + 1;
+        let request = self.requested.fetch_add(1, Ordering::AcqRel) + 1;
         let begin = Instant::now();
-        while self.answered.load(Ordering::Acquire) < question {
+        while self.completed.load(Ordering::Acquire) < request {
             assert!(
                 begin.elapsed() < Duration::from_secs(60),
                 "the listener does not read the bus"
             );
             std::thread::sleep(Duration::from_millis(1));
         }
-        self.heard.lock().expect("nobody panicked").clone()
+        self.messages.lock().expect("nobody panicked").clone()
     }
 }
 

@@ -81,7 +81,7 @@ impl Scene {
     /// # Panics
     /// If it does not end in order.
     pub fn end(self) {
-        let _told = self.finish();
+        let _finished = self.finish();
     }
 
     /// As [`Scene::end`]; returns the output.

@@ -13,9 +13,9 @@ use evolvent_runtime::MonotonicClock;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::{Domain, Finished, evolvent};
-use evolvent_disturbance::tell_pause;
+use evolvent_disturbance::report_pause;
 
-/// Time within which anything has to happen, on a host that is busy or stands still for seconds.
+/// Time limit of every wait, for hosts that are busy or pause for seconds.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Duration that the queue of a subscriber holds.
@@ -183,7 +183,7 @@ impl Operator {
     ///
     /// # Panics
     /// If there is none.
-    pub fn ask(&mut self, request: &ControlRequest) -> ControlAnswer {
+    pub fn request(&mut self, request: &ControlRequest) -> ControlAnswer {
         self.control
             .command(request, PATIENCE)
             .expect("an answer of the core")
@@ -195,7 +195,7 @@ impl Operator {
     /// If it is not.
     #[track_caller]
     pub fn does(&mut self, request: &ControlRequest) -> ControlAnswer {
-        let answer = self.ask(request);
+        let answer = self.request(request);
         assert_eq!(answer.verdict, 0, "{}: {}", answer.alarm, answer.text());
         answer
     }
@@ -236,10 +236,10 @@ impl Operator {
         loop {
             let status = self.status.latest().expect("the status");
             if let Some(status) = &status {
-                tell_pause(status.wake_lateness_max_ns);
+                report_pause(status.wake_lateness_max_ns);
                 // Without drives there is no feedback.
                 if status.feedback_age_ns < u64::MAX {
-                    tell_pause(status.feedback_age_ns);
+                    report_pause(status.feedback_age_ns);
                 }
             }
             if let Some(status) = status
@@ -259,8 +259,8 @@ impl Operator {
     /// The status after all commands that have been replied to.
     #[track_caller]
     pub fn now(&mut self) -> Status {
-        let asked_ns = MonotonicClock::now_ns();
-        self.waits("a newer status", |status| status.time_ns > asked_ns)
+        let requested_ns = MonotonicClock::now_ns();
+        self.waits("a newer status", |status| status.time_ns > requested_ns)
     }
 
     /// Leaves the emergency stop and switches on.
@@ -279,17 +279,21 @@ impl Operator {
         self.sees_end(job)
     }
 
-    /// Reads setpoints until one meets a condition; passes every one to `see`.
+    /// Reads setpoints until one meets a condition; passes every one to `observe`.
     ///
     /// # Panics
     /// If there is none in time.
     #[track_caller]
-    pub fn follows(&mut self, mut see: impl FnMut(&Setpoint), until: impl Fn(&Setpoint) -> bool) -> Setpoint {
+    pub fn follows(
+        &mut self,
+        mut observe: impl FnMut(&Setpoint),
+        until: impl Fn(&Setpoint) -> bool,
+    ) -> Setpoint {
         let begin = Instant::now();
         loop {
             match self.setpoints.receive().expect("setpoints") {
                 Some(setpoint) => {
-                    see(&setpoint);
+                    observe(&setpoint);
                     if until(&setpoint) {
                         return setpoint;
                     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use evolvent_trace::TraceFile;
 
-use evolvent_disturbance::tell_pause;
+use evolvent_disturbance::report_pause;
 
 use crate::{Finished, evolvent};
 
@@ -22,13 +22,13 @@ pub fn cycles(trace: &Path) -> Vec<Cycle> {
     // Records that the core counts as lost met a full queue: the recorder could not write for at least one
     // period each. A gap that the core does not count is a defect.
     let lost = file.info().summary_number("dropped_records").unwrap_or(0.0);
-    tell_pause(lost as u64 * 1_000_000);
+    report_pause(lost as u64 * 1_000_000);
     let found: Vec<Cycle> = file
         .cycles()
         .map(|cycle| cycle.expect("a readable cycle"))
         .collect();
     let latest = found.iter().map(|cycle| cycle.wake_lateness_ns).max();
-    tell_pause(latest.map_or(0, |late| late.max(0).cast_unsigned()));
+    report_pause(latest.map_or(0, |late| late.max(0).cast_unsigned()));
     for (index, cycle) in found.iter().enumerate() {
         assert_eq!(
             cycle.sequence,

@@ -66,9 +66,9 @@ fn errors(file: &Path, text: &[u8], setup: &Setup) -> Vec<Diagnostic> {
         } else {
             String::new()
         };
-        let place = format!("part.ngc:{}:{column}", error.line);
+        let location = format!("part.ngc:{}:{column}", error.line);
         let shown = error.render("part.ngc");
-        assert!(shown.contains(&place), "{place} is not in\n{shown}");
+        assert!(shown.contains(&location), "{location} is not in\n{shown}");
     }
     found
 }
@@ -177,13 +177,13 @@ fn assert_runs_within_limits(file: &Path, setup: &Setup) -> &'static str {
     .expect("a run that starts");
     assert_eq!(outcome.fault.as_deref(), None, "{}", file.display());
     let summary = outcome.summary;
-    for (ratios, most) in [
+    for (ratios, max) in [
         (&summary.velocity_ratio, 1.001),
         (&summary.acceleration_ratio, 1.001),
         (&summary.jerk_ratio, 1.02),
     ] {
         assert!(
-            ratios.iter().all(|ratio| *ratio <= most),
+            ratios.iter().all(|ratio| *ratio <= max),
             "{}: {summary:?}",
             file.display()
         );
@@ -269,9 +269,9 @@ fn nonsense_is_refused_by_name() {
             wrong.push(format!("{text:?} is accepted"));
             continue;
         };
-        let said = error.render("part.ngc");
-        if error.line != line || !said.to_lowercase().contains(&word.to_lowercase()) {
-            wrong.push(format!("{text:?}: {word:?} at line {line} is not in {said}"));
+        let message = error.render("part.ngc");
+        if error.line != line || !message.to_lowercase().contains(&word.to_lowercase()) {
+            wrong.push(format!("{text:?}: {word:?} at line {line} is not in {message}"));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -283,7 +283,7 @@ fn errors_name_file_line_and_column_with_exit_code_1() {
     let workshop = Workshop::new();
     let file = workshop.write("wrong.ngc", "G21 G90\nF600 G1 X10\n  G1 X20 Q3\nG1 X30\nM2\n");
     let path = file.display().to_string();
-    let place = format!("{path}:3:10");
+    let location = format!("{path}:3:10");
     let machine = ["--machine", "config/machines/mill-3axis.toml"];
     for command in ["check", "plan", "run"] {
         let extra: &[&str] = if command == "run" {
@@ -293,8 +293,8 @@ fn errors_name_file_line_and_column_with_exit_code_1() {
         };
         let finished = run([command, &path].iter().chain(&machine).chain(extra)).expect_code(&[1]);
         assert!(
-            finished.err.contains(&place),
-            "{command}: {place} is not in\n{}",
+            finished.err.contains(&location),
+            "{command}: {location} is not in\n{}",
             finished.err
         );
         assert!(

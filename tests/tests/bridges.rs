@@ -205,10 +205,10 @@ fn a_signal_to_the_suite_ends_its_bridge() {
     }
     assert!(is_gone, "the bridge goes on");
     assert_eq!(ended.code(), Some(1), "{ended}");
-    let mut said = String::new();
+    let mut printed = String::new();
     let from = suite.stderr.as_mut().expect("its messages");
-    from.read_to_string(&mut said).expect("text");
-    assert!(said.contains("stopped by a signal"), "{said}");
+    from.read_to_string(&mut printed).expect("text");
+    assert!(printed.contains("stopped by a signal"), "{printed}");
 }
 
 /// A script that retries a network for some seconds reads the exit code.
@@ -241,25 +241,25 @@ fn a_network_that_did_not_come_up_is_no_success() {
                 String::from_utf8_lossy(&output.stderr).into_owned(),
             )
         };
-        let (code, said) = finished(false, "3");
-        assert_eq!(code, Some(1), "{said}");
+        let (code, printed) = finished(false, "3");
+        assert_eq!(code, Some(1), "{printed}");
         assert!(
-            said.contains("the network did not come up within 3 s: no core was running"),
-            "{said}"
+            printed.contains("the network did not come up within 3 s: no core was running"),
+            "{printed}"
         );
         // A busy host may need longer to find the core and to search for devices.
-        let mut said = String::new();
+        let mut printed = String::new();
         for seconds in ["3", "10", "30"] {
             let code;
-            (code, said) = finished(true, seconds);
-            assert_eq!(code, Some(1), "{said}");
-            if said.contains("network: no device replies") {
+            (code, printed) = finished(true, seconds);
+            assert_eq!(code, Some(1), "{printed}");
+            if printed.contains("network: no device replies") {
                 let end = format!("the network did not come up within {seconds} s: see the messages above");
-                assert!(said.contains(&end), "{said}");
+                assert!(printed.contains(&end), "{printed}");
                 return;
             }
         }
-        panic!("no device was looked for: {said}");
+        panic!("no device was looked for: {printed}");
     });
 }
 
@@ -307,6 +307,6 @@ fn systemd_finds_nothing_wrong_with_the_units() {
         .args(&files)
         .output()
         .expect("systemd-analyze to start");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && said.is_empty(), "{said}");
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && printed.is_empty(), "{printed}");
 }

@@ -74,8 +74,8 @@ fn a_move_the_machine_rejects_names_the_call_chain() {
     ];
     let shown = run(words).expect_code(&[1]);
     let text = format!("{shown:?}");
-    for place in ["inner.ngc:2", "outer.ngc:3", "chain.ngc:2", "chain.ngc:4"] {
-        assert!(text.contains(place), "{place} is not in {text}");
+    for location in ["inner.ngc:2", "outer.ngc:3", "chain.ngc:2", "chain.ngc:4"] {
+        assert!(text.contains(location), "{location} is not in {text}");
     }
 }
 
@@ -168,7 +168,7 @@ fn block_delete_lines_run_unless_switched_off() {
         ("plan", &[][..]),
         ("run", &["--clock", "virtual", "--no-trace", "--no-bus"]),
     ] {
-        for (switch, x, said) in [
+        for (switch, x, note) in [
             (&[][..], 4.0, "1 lines that begin with / were executed"),
             (&["--block-delete"], 1.0, "1 lines that begin with / were skipped"),
         ] {
@@ -176,7 +176,7 @@ fn block_delete_lines_run_unless_switched_off() {
             let summary = command(name, &program, &machine, &options, &[0]);
             assert_eq!(summary["end_position"][0], x, "{name} {switch:?}");
             assert!(
-                summary["notes"].to_string().contains(said),
+                summary["notes"].to_string().contains(note),
                 "{name}: {}",
                 summary["notes"]
             );

@@ -118,7 +118,7 @@ fn follows_the_ring(reference_ppm: f64) {
     }
     let bus = domain.client(name);
     let mut replies = Replies::new(bus.feedback().expect("feedback"));
-    let (mut seen, mut sign) = (0, 1.0);
+    let (mut count, mut sign) = (0, 1.0);
     let mut job = 0;
     while began.elapsed() < SETTLING + MEASURED {
         replies.take();
@@ -133,7 +133,7 @@ fn follows_the_ring(reference_ppm: f64) {
             "{} ns",
             status.phase_error_max_ns
         );
-        seen += 1;
+        count += 1;
         if job == 0 || status.job == job && status.job_result != 0 {
             // To and fro within the travel of X.
             let mut jog = ControlRequest {
@@ -157,7 +157,7 @@ fn follows_the_ring(reference_ppm: f64) {
     let report = bridge.end().expect_code(&[0]).json();
 
     let (clock, clocks) = (&summary["clock"], &report["clocks"]);
-    println!("{reference_ppm} ppm: core {clock}; bridge {clocks}; {seen} looks");
+    println!("{reference_ppm} ppm: core {clock}; bridge {clocks}; {count} observations");
     // This computer is slow if the reference is fast.
     let drift_ppm = number(clock, "drift_ppm");
     assert!((drift_ppm + reference_ppm).abs() < DRIFT_PPM, "{drift_ppm} ppm");

@@ -110,8 +110,8 @@ M2
 
 /// Maximum fractions of velocity, acceleration and jerk limits in the third differences of these positions,
 /// by axis.
-fn shares(positions: &[[f64; 3]], period_s: f64) -> [[f64; 3]; 3] {
-    let mut most = [[0.0_f64; 3]; 3];
+fn limit_fractions(positions: &[[f64; 3]], period_s: f64) -> [[f64; 3]; 3] {
+    let mut max = [[0.0_f64; 3]; 3];
     for four in positions.windows(4) {
         for axis in 0..3 {
             let p = [3, 2, 1, 0].map(|index: usize| four[index][axis]);
@@ -121,11 +121,11 @@ fn shares(positions: &[[f64; 3]], period_s: f64) -> [[f64; 3]; 3] {
                 (p[0] - 3.0 * p[1] + 3.0 * p[2] - p[3]) / period_s.powi(3),
             ];
             for order in 0..3 {
-                most[axis][order] = most[axis][order].max(found[order].abs() / LIMITS[axis][order]);
+                max[axis][order] = max[axis][order].max(found[order].abs() / LIMITS[axis][order]);
             }
         }
     }
-    most
+    max
 }
 
 fn first_three(position: &[f64]) -> [f64; 3] {
@@ -142,13 +142,13 @@ struct Settled {
 }
 
 impl Settled {
-    fn see(&mut self, position: f64, needed: u32) -> bool {
-        let way = position - self.last;
+    fn update(&mut self, position: f64, needed: u32) -> bool {
+        let step = position - self.last;
         self.last = position;
-        if way * self.sign < 0.0 || self.sign == 0.0 {
-            (self.turned_at, self.sign, self.cycles) = (position, way.signum(), 0);
+        if step * self.sign < 0.0 || self.sign == 0.0 {
+            (self.turned_at, self.sign, self.cycles) = (position, step.signum(), 0);
         }
-        if way == 0.0 && self.cycles == 0 {
+        if step == 0.0 && self.cycles == 0 {
             self.sign = 0.0;
         }
         self.cycles += 1;
@@ -167,7 +167,7 @@ fn follow(cycles: &[Cycle], period_s: f64, is_corrected: bool) -> [f64; 2] {
         cycles: 0,
     });
     let needed = (0.12 / period_s) as u32;
-    let (mut most, mut seen) = ([0.0_f64; 2], 0);
+    let (mut max, mut count) = ([0.0_f64; 2], 0);
     for cycle in cycles {
         let sent = if is_corrected {
             &cycle.drive_position
@@ -177,15 +177,15 @@ fn follow(cycles: &[Cycle], period_s: f64, is_corrected: bool) -> [f64; 2] {
         let tool = plant.drive(&first_three(sent));
         for axis in 0..3 {
             let off = (tool[axis] - cycle.position[axis]).abs();
-            if settled[axis].see(cycle.position[axis], needed) {
-                most[0] = most[0].max(off);
-                seen += 1;
+            if settled[axis].update(cycle.position[axis], needed) {
+                max[0] = max[0].max(off);
+                count += 1;
             }
-            most[1] = most[1].max(off);
+            max[1] = max[1].max(off);
         }
     }
-    assert!(seen > 1000, "only {seen} positions far from reversals");
-    most
+    assert!(count > 1000, "only {count} positions far from reversals");
+    max
 }
 
 fn period_s(cycles: &[Cycle]) -> f64 {
@@ -216,12 +216,18 @@ fn corrected_setpoints_keep_limits_and_tool_position() {
             .map(|cycle| first_three(&cycle.drive_position))
             .collect();
         let ideal: Vec<_> = cycles.iter().map(|cycle| first_three(&cycle.position)).collect();
-        let (of_sent, of_ideal) = (shares(&sent, period_s), shares(&ideal, period_s));
+        let (of_sent, of_ideal) = (
+            limit_fractions(&sent, period_s),
+            limit_fractions(&ideal, period_s),
+        );
         println!("{planner}: sent {of_sent:?}, ideal {of_ideal:?}");
         for axis in 0..3 {
             for (order, allowed) in [1.001, 1.001, 1.02].into_iter().enumerate() {
-                let share = of_sent[axis][order];
-                assert!(share <= allowed, "{planner}, axis {axis}, order {order}: {share}");
+                let fraction = of_sent[axis][order];
+                assert!(
+                    fraction <= allowed,
+                    "{planner}, axis {axis}, order {order}: {fraction}"
+                );
                 // The reserve is used.
                 assert!(
                     of_ideal[axis][order] < 1.0,
@@ -238,7 +244,7 @@ fn corrected_setpoints_keep_limits_and_tool_position() {
             "{planner}: off by {away} mm, while play is taken up {anywhere} mm, uncorrected {uncorrected} mm"
         );
         assert!(away < 2e-4, "{planner}: {away} mm");
-        // While the motor moves through the play, the slide stands still.
+        // While the motor moves through the play, the slide is at rest.
         assert!(anywhere < 0.032, "{planner}: {anywhere} mm");
         assert!(uncorrected > 0.018, "{planner}: {uncorrected} mm");
         let verified = verify(&trace).expect("a readable trace");

@@ -81,7 +81,7 @@ fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -
         status.velocity == [0.0; 9] && status.power == 0 && status.machine_state == 1
     });
     // The alarm stays until it is cleared, and nothing moves before.
-    assert_eq!(operator.ask(&command("ON")).alarm, 918, "{fault}");
+    assert_eq!(operator.request(&command("ON")).alarm, 918, "{fault}");
     drop((operator, drives));
     served.end().expect_code(&[0, 3]);
     // The lamp goes off in the cycle that finds the fault.
@@ -113,8 +113,8 @@ fn a_drive_failure_stops_with_the_alarm_of_its_fault() {
                     let Some((number, kind, axis, moment, expected)) = next else {
                         break;
                     };
-                    let seen = unless_disturbed(|| fails(number, kind, axis, moment, expected));
-                    println!("{seen}");
+                    let summary = unless_disturbed(|| fails(number, kind, axis, moment, expected));
+                    println!("{summary}");
                 }
             });
         }

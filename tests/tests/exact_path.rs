@@ -43,12 +43,12 @@ const fn xy(cycle: &Cycle) -> [f64; 2] {
 /// for circles and involutes.
 fn worst(hole: &Hole, cycles: &[Cycle]) -> ((f64, u32), (f64, u32)) {
     let (mut off, mut chord) = ((0.0, 0), (0.0, 0));
-    let mut seen = 0;
+    let mut count = 0;
     for pair in cycles.windows(2) {
         let Some(piece) = hole.pieces.get(&pair[1].line).filter(|piece| piece.is_curved()) else {
             continue;
         };
-        seen += 1;
+        count += 1;
         let distance = piece.distance(xy(&pair[1]));
         if distance > off.0 {
             off = (distance, pair[1].line);
@@ -63,7 +63,7 @@ fn worst(hole: &Hole, cycles: &[Cycle]) -> ((f64, u32), (f64, u32)) {
             chord = (error, pair[1].line);
         }
     }
-    assert!(seen > 100, "only {seen} setpoints on curves");
+    assert!(count > 100, "only {count} setpoints on curves");
     (off, chord)
 }
 
@@ -95,10 +95,10 @@ fn assert_exact(hole: &Hole, cycles: &[Cycle], permitted_mm: f64) {
     // where an involute leaves its base circle: there it exceeds arc length, by a sixth of the radius of the
     // circle in total.
     let ahead_mm: f64 = hole.pieces.values().map(Piece::base_radius_touched).sum::<f64>() / 5.0;
-    let (told, length) = (last.path_mm, hole.length());
+    let (reported_mm, length) = (last.path_mm, hole.length());
     assert!(
-        (-1e-6..=ahead_mm + 1e-6).contains(&(told - length)),
-        "{told} mm of path for {length} mm"
+        (-1e-6..=ahead_mm + 1e-6).contains(&(reported_mm - length)),
+        "{reported_mm} mm of path for {length} mm"
     );
 }
 

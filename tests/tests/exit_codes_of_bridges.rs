@@ -20,10 +20,10 @@ fn ended(bridge: &str, options: &[&str]) -> (Option<i32>, String) {
 }
 
 fn expect(found: &(Option<i32>, String), code: i32, texts: &[&str]) {
-    let (exit, said) = found;
-    assert_eq!(*exit, Some(code), "{said}");
+    let (exit, printed) = found;
+    assert_eq!(*exit, Some(code), "{printed}");
     for text in texts {
-        assert!(said.contains(text), "no {text:?} in: {said}");
+        assert!(printed.contains(text), "no {text:?} in: {printed}");
     }
 }
 

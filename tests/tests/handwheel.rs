@@ -293,8 +293,8 @@ fn an_even_hand_moves_evenly_and_stops_soon() {
         let spread = (speeds.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / speeds.len() as f64).sqrt();
         println!("mean {mean:.3} mm/s, spread {:.1} %", 100.0 * spread / mean);
         assert!(spread < 0.35 * mean, "{spread} of {mean}");
-        let least = speeds.iter().fold(f64::INFINITY, |least, v| least.min(*v));
-        assert!(least > 0.0, "it stops between two counts: {least}");
+        let min = speeds.iter().fold(f64::INFINITY, |min, v| min.min(*v));
+        assert!(min > 0.0, "it stops between two counts: {min}");
     });
 }
 
@@ -311,7 +311,7 @@ fn only_a_selected_enabled_live_pendant_moves_an_axis() {
             std::thread::sleep(Duration::from_millis(30));
         };
         // The switches of the pendant select the axis, and no command does.
-        let refused = operator.ask(&chooses(1, 0.0));
+        let refused = operator.request(&chooses(1, 0.0));
         assert_eq!(
             (refused.verdict, refused.alarm),
             (1, NO_HANDWHEEL),
@@ -384,8 +384,11 @@ fn a_released_button_or_travel_end_drops_counts() {
         pendant.presses(STEP_10 | SELECT_X);
         let stopped = rests(&mut operator)[0];
         // From 500 mm/s it stops within 35 mm, and the release is seen within a few ms.
-        let seen = *moving.lock().expect("nobody panicked");
-        assert!(stopped < seen + 80.0 && stopped < 299.0, "{seen} to {stopped}");
+        let reached = *moving.lock().expect("nobody panicked");
+        assert!(
+            stopped < reached + 80.0 && stopped < 299.0,
+            "{reached} to {stopped}"
+        );
         pendant.presses(ENABLE | STEP_10 | SELECT_X);
         assert_eq!(rests(&mut operator)[0], stopped);
         // The bridge dies meanwhile: 300 mm take 0.7 s, the inputs are unknown after 0.2 s.
@@ -469,7 +472,7 @@ fn a_machine_without_a_wheel_says_so() {
     let shop = Shop::new("wheel-none", "");
     let served = shop.serves("none.mcap");
     let mut operator = shop.operator();
-    let refused = operator.ask(&chooses(1, 0.1));
+    let refused = operator.request(&chooses(1, 0.1));
     assert_eq!((refused.verdict, refused.alarm), (1, NO_HANDWHEEL));
     drop(operator);
     served.end().expect_code(&[0, 3]);

@@ -32,8 +32,8 @@ fn job(workshop: &Workshop, program: &Path, machine: &str, rate_hz: f64) -> Job 
     Job::new(program.to_owned(), setup)
 }
 
-fn drive(job: &Job, controls: &Arc<Controls>, see: impl FnMut(&Setpoint) + Send) -> RunOutcome {
-    run(job, controls, &mut Silent, see).unwrap()
+fn drive(job: &Job, controls: &Arc<Controls>, observe: impl FnMut(&Setpoint) + Send) -> RunOutcome {
+    run(job, controls, &mut Silent, observe).unwrap()
 }
 
 /// The result of one hold.
@@ -43,18 +43,18 @@ struct Hold {
     feed_mm_s: f64,
     seconds: f64,
     /// Lower bound of the time to rest of any axis, s.
-    least_s: f64,
+    min_s: f64,
 }
 
 /// The minimum time in which an axis stops from velocity `v` and acceleration `a`, at any position.
-fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
+fn axis_to_rest(v: f64, a: f64, max_a: f64, jerk: f64) -> f64 {
     let falls = v + a * a.abs() / (2.0 * jerk) >= 0.0;
     let (v, a) = if falls { (v, a) } else { (-v, -a) };
     let peak = (jerk * v + 0.5 * a * a).max(0.0).sqrt();
-    if peak <= most {
+    if peak <= max_a {
         (a + 2.0 * peak) / jerk
     } else {
-        (a + 2.0 * most) / jerk + (v + 0.5 * a * a / jerk - most * most / jerk) / most
+        (a + 2.0 * max_a) / jerk + (v + 0.5 * a * a / jerk - max_a * max_a / jerk) / max_a
     }
 }
 
@@ -87,7 +87,7 @@ fn holds(job: &Job, count: usize, random: &mut Random) -> (Vec<Hold>, RunOutcome
                     line: from.line,
                     feed_mm_s: from.feed_mm_s,
                     seconds: *cycles as f64 * period,
-                    least_s: (0..9)
+                    min_s: (0..9)
                         .filter(|&i| limits.present[i])
                         .map(|i| {
                             let (v, a) = (from.velocity[i], from.acceleration[i]);
@@ -140,16 +140,16 @@ fn holds_in_whole_programs_stop_soon_within_limits() {
             assert!(outcome.fault.is_none(), "{what}: {:?}", outcome.fault);
             assert!(outcome.program.is_ok(), "{what}: {:?}", outcome.program.err());
             let summary = &outcome.summary;
-            for (ratios, most) in [
+            for (ratios, max) in [
                 (&summary.velocity_ratio, 1.001),
                 (&summary.acceleration_ratio, 1.001),
                 (&summary.jerk_ratio, 1.02),
             ] {
-                assert!(ratios.iter().all(|ratio| *ratio <= most), "{what}: {ratios:?}");
+                assert!(ratios.iter().all(|ratio| *ratio <= max), "{what}: {ratios:?}");
             }
             let mut over: Vec<f64> = found
                 .iter()
-                .map(|hold| (hold.seconds - 0.015) / hold.least_s)
+                .map(|hold| (hold.seconds - 0.015) / hold.min_s)
                 .collect();
             over.sort_by(f64::total_cmp);
             let worst = found

@@ -186,16 +186,16 @@ fn run(trial: &Trial) -> (Result<(), Rejection>, f64, [f64; 2]) {
     let mut start = Axes::zeros();
     start[0] = bridge.shown_positions()[0];
     let mut core = Core::new(trial.axis, start);
-    let mut on_the_way: VecDeque<Feedback> = VecDeque::new();
+    let mut in_transit: VecDeque<Feedback> = VecDeque::new();
     let mut reach = [f64::INFINITY, f64::NEG_INFINITY];
     for cycle in 0..400_000 {
         let now_ns = 1_000_000_000 + cycle * PERIOD_NS;
-        let newest = on_the_way.drain(..).next_back();
+        let newest = in_transit.drain(..).next_back();
         let setpoint = core.cycle(now_ns, newest.as_ref());
         bridge.offer(now_ns, &setpoint);
-        on_the_way.extend(bridge.step(now_ns + 400_000 + cycle % 1000));
-        let place = bridge.true_positions()[0];
-        reach = [reach[0].min(place), reach[1].max(place)];
+        in_transit.extend(bridge.step(now_ns + 400_000 + cycle % 1000));
+        let position = bridge.true_positions()[0];
+        reach = [reach[0].min(position), reach[1].max(position)];
         assert!(
             bridge.drives()[0].servo().velocity.abs() < 400.0,
             "the axis keeps its limit"
@@ -213,9 +213,9 @@ fn trial(random: &mut Random) -> Trial {
     let when_opening = random.bits().is_multiple_of(2);
     let direction = if is_negative { -1.0 } else { 1.0 };
     let switch = direction * 140.0;
-    let way = if when_opening { -direction } else { direction };
+    let direction_of_edge = if when_opening { -direction } else { direction };
     // Not so near to the switch that its sampling decides which pulse is found.
-    let pulse = switch + way * random.between(0.3, 0.9) * PITCH;
+    let pulse = switch + direction_of_edge * random.between(0.3, 0.9) * PITCH;
     let axis = HomingAxis {
         axis: AxisLetter::X,
         method: HomingMethod::SwitchThenIndex {

@@ -350,7 +350,7 @@ impl<'a> Mill<'a> {
                 .waits("drives", |status| status.feedback_age_ns < 100_000_000);
             self.operator().says("CLEAR_ALARMS");
             std::thread::sleep(Duration::from_millis(300));
-            let _accepted = self.operator().ask(&command("ON"));
+            let _accepted = self.operator().request(&command("ON"));
             for _ in 0..40 {
                 if self.operator().now().machine_state == 2 {
                     return;
@@ -364,7 +364,7 @@ impl<'a> Mill<'a> {
     /// Error of the coordinate of an axis at rest, in increments: its pulse must be at the coordinate of the
     /// machine file. If the axis was on a pulse, any pulse is correct.
     fn wrong(&mut self, axis: usize) -> f64 {
-        let mut least = f64::INFINITY;
+        let mut min = f64::INFINITY;
         for _ in 0..100 {
             let shown = self.operator().now().position_actual[axis];
             let (beyond, per_mm, per_turn) = self.hardware.beyond_pulse(axis);
@@ -372,9 +372,9 @@ impl<'a> Mill<'a> {
             // There is one pulse per turn.
             let off = off - (off / per_turn).round() * per_turn;
             // Feedback and shaft are read at slightly different times, while the servo may hunt.
-            least = if off.abs() < least.abs() { off } else { least };
+            min = if off.abs() < min.abs() { off } else { min };
         }
-        least
+        min
     }
 
     fn check(&mut self, mask: u32, status: &Status) {
@@ -503,7 +503,7 @@ fn without_homing_tables(hardware: &dyn Hardware, name: &str) {
         mill.operator().says_number("MODE", 2);
         let mut mdi = command("MDI");
         assert!(mdi.set_text(block));
-        mill.operator().ask(&mdi)
+        mill.operator().request(&mdi)
     };
     assert_eq!(mill.operator().now().homed_mask, 0b111, "as at every first start");
     let job = moves(&mut mill, "G91 G1 X12 Y-7 F1500").job;
@@ -513,11 +513,11 @@ fn without_homing_tables(hardware: &dyn Hardware, name: &str) {
     let status = mill.operator().waits("machine zero lost", |status| {
         status.homed_mask == 0 && status.listed_alarms().contains(&418)
     });
-    let said = status.operator_message().to_owned();
+    let message = status.operator_message().to_owned();
     assert!(
-        said.contains("home XYZ again")
-            && said.contains("jog to X0 Y0 Z0 first (without [[homing]], HOME only declares it)"),
-        "{said}"
+        message.contains("home XYZ again")
+            && message.contains("jog to X0 Y0 Z0 first (without [[homing]], HOME only declares it)"),
+        "{message}"
     );
     mill.recovers();
     let status = mill.operator().now();

@@ -62,7 +62,7 @@ fn a_killed_run_loses_250_ms_and_leaves_a_usable_bus() {
             let mut running = Launch::in_real_time(&program, &machine, &domain)
                 .trace(&trace)
                 .start();
-            let seen = if kill % 2 == 0 {
+            let last = if kill % 2 == 0 {
                 let mut reader = domain.client("killed").setpoints().expect("a subscription");
                 Some(read_for(
                     &mut reader,
@@ -81,7 +81,7 @@ fn a_killed_run_loses_250_ms_and_leaves_a_usable_bus() {
                 .map(Path::new)
                 .into_iter()
                 .chain([part.as_path()]));
-            let Some(seen) = seen else {
+            let Some(last) = last else {
                 // Either not started, or started and recovered; both without a crash.
                 let recovery = recovery.expect_code(&[0, 1, 2, 3]);
                 assert_eq!(
@@ -96,12 +96,12 @@ fn a_killed_run_loses_250_ms_and_leaves_a_usable_bus() {
             assert_eq!(recovered["gaps"], 0, "{recovered}");
             assert_eq!(recovered["has_run"], true);
             let found = cycles(&trace);
-            let lost = (seen.sequence + 1).saturating_sub(found.len() as u64);
-            let lost_s = lost as f64 * seen.period_ns as f64 * 1e-9;
+            let lost = (last.sequence + 1).saturating_sub(found.len() as u64);
+            let lost_s = lost as f64 * last.period_ns as f64 * 1e-9;
             println!(
                 "kill {kill}: {} cycles recovered, {} seen on the bus, {lost_s:.3} s lost",
                 found.len(),
-                seen.sequence + 1
+                last.sequence + 1
             );
             assert!(lost_s <= LOST_S, "{lost_s} s lost");
         }
@@ -127,7 +127,7 @@ fn extremes(cycles: &[Cycle], axis: usize) -> [f64; 3] {
             .windows(2)
             .map(|pair| (pair[1] - pair[0]) / period_s)
             .collect();
-        values.iter().fold(0.0, |most: f64, value| most.max(value.abs()))
+        values.iter().fold(0.0, |max: f64, value| max.max(value.abs()))
     })
 }
 
@@ -147,9 +147,9 @@ fn sigterm_and_sigint_stop_on_the_path_within_limits() {
             let mut reader = domain.client("stopped").setpoints().expect("a subscription");
             read_for(&mut reader, Duration::from_secs_f64(random.between(0.5, 1.0)));
             signal(&running, stop);
-            let asked = Instant::now();
+            let signalled = Instant::now();
             let finished = wait(running).expect_code(&[1]);
-            println!("ended {:?} after the signal", asked.elapsed());
+            println!("ended {:?} after the signal", signalled.elapsed());
             let summary = finished.json();
             assert_eq!(summary["outcome"], "stopped");
             assert!(finished.err.contains("stopped"), "{}", finished.err);

@@ -115,7 +115,7 @@ struct Onlooker {
 impl Onlooker {
     fn start(machine: &Machine<'_>) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
-        let (told, bus_of) = (Arc::clone(&stop), (machine.name, machine.domain.prefix.clone()));
+        let (is_over, bus_of) = (Arc::clone(&stop), (machine.name, machine.domain.prefix.clone()));
         let limits = evolvent_machine::Machine::load(machine.file)
             .expect("a machine file")
             .limits();
@@ -132,7 +132,7 @@ impl Onlooker {
             let mut driven = Driven::default();
             let mut last: Option<Feedback> = None;
             let (mut skipped_ns, mut worst_in_state) = (0, 0);
-            while !told.load(Ordering::Relaxed) {
+            while !is_over.load(Ordering::Relaxed) {
                 while let Some(now) = reader.receive().expect("feedback") {
                     driven.samples += 1;
                     let step_ns = last.map_or(0, |last| now.time_ns.saturating_sub(last.time_ns));
@@ -149,17 +149,17 @@ impl Onlooker {
                         {
                             let seconds = (now.time_ns - last.time_ns) as f64 * 1e-9;
                             let change = (now.velocity[axis] - last.velocity[axis]) / seconds;
-                            let share = change.abs() / limits.acceleration[axis];
+                            let fraction = change.abs() / limits.acceleration[axis];
                             let is_settled = now.time_ns > skipped_ns + AFTER_SKIP_NS;
-                            let most = if is_settled {
+                            let max = if is_settled {
                                 &mut driven.acceleration
                             } else {
                                 &mut driven.after_skips
                             };
-                            if is_settled && share > *most {
+                            if is_settled && fraction > *max {
                                 worst_in_state = now.bridge_state;
                             }
-                            *most = most.max(share);
+                            *max = max.max(fraction);
                         }
                     }
                     last = Some(now);
@@ -190,12 +190,12 @@ fn brings_up_again(operator: &mut Operator) -> Option<u32> {
             status.activity == 0 && status.velocity == [0.0; 9]
         });
         met = met.or(status.listed_alarms().first().copied());
-        let _cleared = operator.ask(&command("CLEAR_ALARMS"));
+        let _cleared = operator.request(&command("CLEAR_ALARMS"));
         if status.machine_state == 0 {
-            let _off = operator.ask(&command("ESTOP_RESET"));
+            let _off = operator.request(&command("ESTOP_RESET"));
         }
         // Drives that a busy host delays count as absent.
-        if operator.ask(&command("ON")).verdict != 0 {
+        if operator.request(&command("ON")).verdict != 0 {
             std::thread::sleep(Duration::from_millis(50));
             continue;
         }
@@ -282,7 +282,7 @@ fn killed_cores_bridges_and_clients_leave_nothing() {
                 }
                 _ => {
                     drop(client);
-                    let _stopped = operator.ask(&command("STOP"));
+                    let _stopped = operator.request(&command("STOP"));
                     operator.waits("rest", |status| {
                         status.activity == 0 && status.velocity == [0.0; 9]
                     });
@@ -294,7 +294,7 @@ fn killed_cores_bridges_and_clients_leave_nothing() {
             let met = brings_up_again(&mut operator);
             // A busy host may stop the drives for so long that the core notices.
             disturbed += usize::from(victim == 2 && met.is_some());
-            let _stopped = operator.ask(&command("STOP"));
+            let _stopped = operator.request(&command("STOP"));
             operator.waits("rest", |status| status.activity == 0);
             operator.says_number("MODE", 1);
         }
@@ -322,17 +322,17 @@ fn nobody_but_the_owner_can_open_the_channels() {
         let mut operator = Operator::join(name, &domain);
         operator.brings_up();
         let own = rustix::process::getuid().as_raw();
-        let mut seen = 0;
+        let mut count = 0;
         for file in domain.files() {
             let Ok(facts) = file.metadata() else { continue };
             assert_eq!(facts.uid(), own, "{}", file.display());
             if facts.is_file() {
-                seen += 1;
+                count += 1;
                 let mode = facts.permissions().mode() & 0o077;
                 assert_eq!(mode, 0, "{} may be used by others: {mode:o}", file.display());
             }
         }
-        assert!(seen >= 10, "{seen} files prove nothing");
+        assert!(count >= 10, "{count} files prove nothing");
 
         let before = operator.now();
         // Only root can become another user.
@@ -356,9 +356,9 @@ fn nobody_but_the_owner_can_open_the_channels() {
             .output();
         match stranger {
             Ok(output) if own == 0 => {
-                let told = String::from_utf8_lossy(&output.stderr).into_owned();
-                assert_eq!(output.status.code(), Some(1), "{told}");
-                println!("a stranger is told: {told}");
+                let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+                assert_eq!(output.status.code(), Some(1), "{stderr}");
+                println!("another user reads: {stderr}");
                 let after = operator.now();
                 assert_eq!(after.override_ratio, 1.0);
                 assert_eq!(after.commands_accepted, before.commands_accepted);

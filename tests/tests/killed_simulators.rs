@@ -43,7 +43,7 @@ fn recovers(operator: &mut Operator) {
         operator.waits("drives", |status| status.feedback_age_ns < 100_000_000);
         operator.says("CLEAR_ALARMS");
         std::thread::sleep(Duration::from_millis(300));
-        let _accepted = operator.ask(&command("ON"));
+        let _accepted = operator.request(&command("ON"));
         for _ in 0..40 {
             if operator.now().machine_state == 2 {
                 return;
@@ -85,14 +85,14 @@ fn is_killed(
         status.alarm_sentence()
     );
     assert!([401, 406].contains(&alarm), "{}", status.alarm_sentence());
-    let most = Duration::from_millis(TIMEOUT_MS) + SLACK;
-    assert!(after < most, "the alarm came after {after:?}, at most {most:?}");
+    let max = Duration::from_millis(TIMEOUT_MS) + SLACK;
+    assert!(after < max, "the alarm came after {after:?}, at most {max:?}");
     assert_eq!(operator.sees_end(job).job_result, FAULT);
     operator.waits("rest without power", |status| {
         status.velocity == [0.0; 9] && status.power == 0 && status.machine_state == 1
     });
     assert_eq!(
-        operator.ask(&command("ON")).alarm,
+        operator.request(&command("ON")).alarm,
         918,
         "the alarm stays until it is cleared"
     );

@@ -31,14 +31,14 @@ fn a_held_program_left_by_jogs_continues_where_held() {
         });
         assert_eq!(held.activity, PROGRAM);
         // Not with two axes at once.
-        let refused = operator.ask(&jog(X | Z, [1.0, 0.0, 1.0]));
+        let refused = operator.request(&jog(X | Z, [1.0, 0.0, 1.0]));
         assert_eq!(
             (refused.verdict, refused.alarm),
             (1, CANNOT_LEAVE),
             "{}",
             refused.text()
         );
-        let refused = operator.ask(&command("RETURN"));
+        let refused = operator.request(&command("RETURN"));
         assert_eq!(refused.verdict, 1, "{}", refused.text());
         jogs(&mut operator, 2, 12.0);
         jogs(&mut operator, 0, -3.0);
@@ -54,14 +54,14 @@ fn a_held_program_left_by_jogs_continues_where_held() {
         for part in ["Y by -7.5", "X by +3", "Z by -12"] {
             assert!(message.contains(part), "{message}");
         }
-        let refused = operator.ask(&command("RESUME"));
+        let refused = operator.request(&command("RESUME"));
         assert_eq!(
             (refused.verdict, refused.alarm),
             (1, OFF_PATH),
             "{}",
             refused.text()
         );
-        let refused = operator.ask(&command("RETRACE"));
+        let refused = operator.request(&command("RETRACE"));
         assert_eq!(
             (refused.verdict, refused.alarm),
             (1, CANNOT_RETRACE),
@@ -74,7 +74,7 @@ fn a_held_program_left_by_jogs_continues_where_held() {
         operator.says("JOG_STOP");
         let stopped = operator.waits("rest", |status| status.velocity.iter().all(|v| *v == 0.0));
         assert_eq!((stopped.activity, stopped.state), (PROGRAM, HELD));
-        assert_eq!(operator.ask(&command("RESUME")).alarm, OFF_PATH);
+        assert_eq!(operator.request(&command("RESUME")).alarm, OFF_PATH);
         operator.waits("the way back again", |status| {
             status.operator_message().contains("the way back:")
         });
@@ -135,7 +135,7 @@ fn an_increment_in_a_held_program_keeps_the_way_back() {
         operator.waits("motion", |status| {
             status.velocity[2] > 19.0 || status.away_parts > 0
         });
-        operator.ask(&jog(Z, [0.0, 0.0, -1.0]));
+        operator.request(&jog(Z, [0.0, 0.0, -1.0]));
         let away = operator.waits("the way back", |status| {
             status.operator_message().contains("the way back:")
         });
@@ -177,7 +177,7 @@ fn a_path_is_retraced_to_block_starts_and_back() {
         let there = operator.waits("the start of the block", |status| near(status, 20.0, 10.0));
         assert_eq!((there.state, there.activity), (HELD, PROGRAM));
         operator.waits("what is known of it", |status| status.retraced == 1);
-        assert_eq!(operator.ask(&command("RESUME")).alarm, OFF_PATH);
+        assert_eq!(operator.request(&command("RESUME")).alarm, OFF_PATH);
         operator.does(&ControlRequest {
             index: 1,
             ..command("RETRACE")
@@ -202,7 +202,7 @@ fn a_path_is_retraced_to_block_starts_and_back() {
         let back = operator.now();
         assert_eq!(back.position_machine, held.position_machine);
         // M3 is before it: retracing ends there.
-        let refused = operator.ask(&ControlRequest {
+        let refused = operator.request(&ControlRequest {
             index: back.retrace_blocks + 1,
             ..command("RETRACE")
         });
@@ -236,7 +236,7 @@ fn every_event_on_an_excursion_has_a_defined_end() {
         let shop = Shop::new("leave-trouble");
         let (served, _drives, mut operator) = shop.opens();
         let on_side = |status: &Status| status.position_machine[2] < -1.9 && status.position_machine[0] > 4.0;
-        // A client that has gone: the axes stop, the program stays held, and the way back is known.
+        // A client that has gone: the axes stop, the program stays held, and the return path is known.
         shop.holds(&mut operator, SQUARE, on_side);
         let mut on = ControlRequest {
             axes_mask: Z,
@@ -256,7 +256,7 @@ fn every_event_on_an_excursion_has_a_defined_end() {
         // Another axis waits until the first one has stopped; a program cannot be left while it moves.
         operator.does(&jog(Z, [0.0, 0.0, 30.0]));
         operator.waits("a jog", |status| status.velocity[2] > 5.0);
-        let refused = operator.ask(&jog(X, [5.0, 0.0, 0.0]));
+        let refused = operator.request(&jog(X, [5.0, 0.0, 0.0]));
         assert_eq!(refused.verdict, 1, "{}", refused.text());
         // STOP: at rest at the present position, and the job is over.
         operator.says("STOP");
@@ -314,11 +314,11 @@ fn a_program_is_left_only_where_it_stands() {
         operator.says_text("LOAD", &program.display().to_string());
         let job = operator.says("START").job;
         operator.waits("motion", |status| status.velocity[0] > 1.0);
-        assert_eq!(operator.ask(&jog(Z, [0.0, 0.0, 1.0])).verdict, 1);
-        assert_eq!(operator.ask(&command("RETRACE")).verdict, 1);
+        assert_eq!(operator.request(&jog(Z, [0.0, 0.0, 1.0])).verdict, 1);
+        assert_eq!(operator.request(&command("RETRACE")).verdict, 1);
         operator.says("HOLD");
         // Stopping, or stopped already.
-        let refused = operator.ask(&jog(Z, [0.0, 0.0, 1.0]));
+        let refused = operator.request(&jog(Z, [0.0, 0.0, 1.0]));
         assert!(
             refused.verdict == 0 || refused.alarm == MOVING,
             "{}",
@@ -335,7 +335,7 @@ fn a_program_is_left_only_where_it_stands() {
         operator.says_text("LOAD", &program.display().to_string());
         let job = operator.says("START").job;
         operator.waits("the tool", |status| status.tool_change == 1);
-        let refused = operator.ask(&jog(Z, [0.0, 0.0, 1.0]));
+        let refused = operator.request(&jog(Z, [0.0, 0.0, 1.0]));
         assert_eq!(
             (refused.verdict, refused.alarm),
             (1, CANNOT_LEAVE),
@@ -353,7 +353,7 @@ fn a_program_is_left_only_where_it_stands() {
         let job = operator.says("START").job;
         operator.waits("the stop", |status| status.state == 7);
         jogs(&mut operator, 2, 8.0);
-        assert_eq!(operator.ask(&command("RESUME")).alarm, OFF_PATH);
+        assert_eq!(operator.request(&command("RESUME")).alarm, OFF_PATH);
         operator.says("RETURN");
         operator.waits("the way back", |status| {
             status.operator_message().contains("`resume`")

@@ -38,13 +38,13 @@ fn recovers(operator: &mut Operator) {
         let status = operator.now();
         if status.activity == 0 {
             match status.machine_state {
-                0 => drop(operator.ask(&command("ESTOP_RESET"))),
+                0 => drop(operator.request(&command("ESTOP_RESET"))),
                 1 => {
-                    operator.ask(&command("CLEAR_ALARMS"));
-                    operator.ask(&command("ON"));
+                    operator.request(&command("CLEAR_ALARMS"));
+                    operator.request(&command("ON"));
                 }
                 _ => {
-                    operator.ask(&command("CLEAR_ALARMS"));
+                    operator.request(&command("CLEAR_ALARMS"));
                     return;
                 }
             }
@@ -69,9 +69,9 @@ fn finishes(operator: &mut Operator) -> Status {
         let rests = status.velocity.iter().all(|v| *v == 0.0);
         if rests && [HELD, 7].contains(&status.state) {
             if status.away_parts > 0 {
-                operator.ask(&command("RETURN"));
+                operator.request(&command("RETURN"));
             }
-            operator.ask(&command("RESUME"));
+            operator.request(&command("RESUME"));
         }
         std::thread::sleep(Duration::from_millis(20));
     }
@@ -156,7 +156,7 @@ fn random_commands_keep_limits_contour_and_trace() {
             was_away = status.away_parts > 0;
             if status.activity == 0 {
                 recovers(&mut operator);
-                if operator.ask(&command("START")).verdict == 0 {
+                if operator.request(&command("START")).verdict == 0 {
                     ended += 1;
                 }
             }
@@ -174,7 +174,7 @@ fn random_commands_keep_limits_contour_and_trace() {
                 }
                 _ => anything(&mut random, [HELD, 7].contains(&status.state)),
             };
-            let answer = operator.ask(&request);
+            let answer = operator.request(&request);
             assert!(answer.verdict <= 1, "{request:?}: {answer:?}");
             assert!(
                 answer.verdict == 0 || !answer.text().is_empty(),
@@ -192,26 +192,26 @@ fn random_commands_keep_limits_contour_and_trace() {
         drop(drives);
         keeps_limits(&shop, &cycles);
         let sides = FIRST_SIDE..FIRST_SIDE + SIDES;
-        let (mut left, mut worst, mut seen) = (0, 0.0_f64, 0);
+        let (mut left, mut worst, mut on_circle) = (0, 0.0_f64, 0);
         for pair in cycles.windows(2) {
             let [before, now] = pair else { continue };
             let is_cut = now.inputs & (FOLLOWS | STEERS) == FOLLOWS && sides.contains(&now.line);
             if is_cut && now.position[2] == -2.0 {
                 let [x, y] = [now.position[0], now.position[1]];
                 worst = worst.max((x.hypot(y) - RADIUS).abs());
-                seen += 1;
+                on_circle += 1;
             }
             left += u32::from(is_away(now) && !is_away(before));
         }
         println!(
             "{accepted} of {tried} accepted, {ended} starts, {left} excursions, {} cycles, {worst:.5} mm \
-             off the circle in {seen}",
+             off the circle in {on_circle}",
             cycles.len()
         );
         assert!(worst < 0.0103, "{worst} mm off the circle");
         assert!(
-            left > 3 && seen > 500,
-            "{left} excursions and {seen} cycles prove nothing"
+            left > 3 && on_circle > 500,
+            "{left} excursions and {on_circle} cycles prove nothing"
         );
         // When the program has the axes again it continues where it was left.
         let mut held: Option<&Cycle> = None;

@@ -32,15 +32,15 @@ fn wave(lines: u64) -> String {
 /// Waits for the end of a process; returns the maximum resident memory, kB.
 fn watch_memory(process: &mut Child) -> u64 {
     let status = format!("/proc/{}/status", process.id());
-    let mut most = 0;
+    let mut max_kb = 0;
     while process.try_wait().expect("a process").is_none() {
         let text = fs::read_to_string(&status).unwrap_or_default();
         let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-        let seen = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse().ok());
-        most = most.max(seen.unwrap_or(0));
+        let kilobytes = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse().ok());
+        max_kb = max_kb.max(kilobytes.unwrap_or(0));
         std::thread::sleep(Duration::from_millis(2));
     }
-    most
+    max_kb
 }
 
 #[test]

@@ -22,7 +22,7 @@ fn two_machines_side_by_side_have_their_own_clients() {
         });
         let mut readers =
             ["left", "right"].map(|name| domain.client(name).setpoints().expect("a subscription"));
-        let (mut counts, mut y_seen) = ([0_u64; 2], [0.0_f64; 2]);
+        let (mut counts, mut max_y) = ([0_u64; 2], [0.0_f64; 2]);
         let summaries = std::thread::scope(|scope| {
             let ends = [left, right].map(|process| scope.spawn(|| wait(process)));
             loop {
@@ -31,7 +31,7 @@ fn two_machines_side_by_side_have_their_own_clients() {
                     while let Some(setpoint) = reader.receive().expect("the bus") {
                         assert_eq!(setpoint.sequence, counts[i], "reader {i}");
                         counts[i] += 1;
-                        y_seen[i] = y_seen[i].max(setpoint.position[1].abs());
+                        max_y[i] = max_y[i].max(setpoint.position[1].abs());
                     }
                 }
                 if over {
@@ -44,8 +44,8 @@ fn two_machines_side_by_side_have_their_own_clients() {
         assert_eq!(summaries[0]["cycles"], counts[0]);
         assert_eq!(summaries[1]["cycles"], counts[1]);
         assert!(
-            y_seen[0] > 9.0 && y_seen[1] == 0.0,
-            "{y_seen:?}: only the left one moves in Y"
+            max_y[0] > 9.0 && max_y[1] == 0.0,
+            "{max_y:?}: only the left one moves in Y"
         );
     });
 }
@@ -61,12 +61,12 @@ fn a_second_core_of_one_name_is_rejected() {
             .start();
         let mut reader = domain.client("taken").setpoints().expect("a subscription");
 
-        let asked = Instant::now();
+        let started = Instant::now();
         let trace = workshop.path("second.mcap");
         let second = Launch::in_real_time(&program, &machine, &domain)
             .trace(&trace)
             .finish();
-        println!("refused after {:?}", asked.elapsed());
+        println!("refused after {:?}", started.elapsed());
         let second = second.expect_code(&[1]);
         assert_eq!(second.out, "", "no summary: it never ran");
         assert!(second.err.contains("taken"), "the name is in: {}", second.err);
@@ -78,8 +78,8 @@ fn a_second_core_of_one_name_is_rejected() {
         );
         // It may still be planning, and a busy host is slow.
         let (begin, patience) = (Instant::now(), Duration::from_secs(60));
-        let (mut next, mut heard) = (None, 0);
-        while heard < 50 && begin.elapsed() < patience {
+        let (mut next, mut received) = (None, 0);
+        while received < 50 && begin.elapsed() < patience {
             while let Some(setpoint) = reader.receive().expect("the bus") {
                 assert_eq!(
                     setpoint.sequence,
@@ -87,11 +87,11 @@ fn a_second_core_of_one_name_is_rejected() {
                     "undisturbed"
                 );
                 next = Some(setpoint.sequence + 1);
-                heard += 1;
+                received += 1;
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        assert!(heard >= 50, "the first was heard {heard} times");
+        assert!(received >= 50, "the first was heard {received} times");
         first.kill().expect("to end it");
         first.wait().expect("its end");
     });

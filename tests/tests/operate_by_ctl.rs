@@ -61,9 +61,9 @@ fn a_signal_to_ctl_stops_the_axes_that_it_moves() {
             let _gone = kill_process(pid, signal);
             let end = operator.sees_end(moving.job);
             assert_eq!((end.job_result, end.velocity), (STOPPED, [0.0; 9]), "{words:?}");
-            let way = (0..2).map(|i| (end.position_machine[i] - moving.position_machine[i]).abs());
+            let distances = (0..2).map(|i| (end.position_machine[i] - moving.position_machine[i]).abs());
             assert!(
-                way.fold(0.0, f64::max) < 100.0,
+                distances.fold(0.0, f64::max) < 100.0,
                 "{words:?}: went on to {:?}",
                 end.position_machine
             );
@@ -107,8 +107,11 @@ fn a_job_that_somebody_else_stops_is_not_done() {
             operator.waits("motion", |status| status.velocity.iter().any(|v| v.abs() > 5.0));
             done(&scene, &[stops]).expect_code(&[0]);
             let finished = wait(child).expect_code(&[1]);
-            let told = format!("{}{}", finished.out, finished.err);
-            assert!(told.contains(text) && !told.contains("(0)"), "{words:?}: {told}");
+            let printed = format!("{}{}", finished.out, finished.err);
+            assert!(
+                printed.contains(text) && !printed.contains("(0)"),
+                "{words:?}: {printed}"
+            );
             operator.waits("rest", |status| status.activity == 0);
         }
         drop(operator);

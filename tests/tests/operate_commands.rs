@@ -14,7 +14,7 @@ fn rejected_commands_have_a_number_and_change_nothing() {
         let scene = Scene::new("op-refuse");
         let mut operator = scene.operator();
         let refused = |operator: &mut Operator, request: &ControlRequest, alarm: u32| {
-            let answer = operator.ask(request);
+            let answer = operator.request(request);
             assert_eq!((answer.verdict, answer.alarm), (1, alarm), "{}", answer.text());
             assert!(answer.text().len() > 15);
         };
@@ -30,7 +30,7 @@ fn rejected_commands_have_a_number_and_change_nothing() {
         let bad = scene.workshop.write("bad.ngc", "G21\nG1 X5000 F100\nM2\n");
         let mut load = command("LOAD");
         assert!(load.set_text(bad.to_str().expect("UTF-8")));
-        let answer = operator.ask(&load);
+        let answer = operator.request(&load);
         assert_eq!((answer.verdict, answer.alarm), (1, 919));
         for word in ["line 2", "axis X", "5000", "400"] {
             assert!(answer.text().contains(word), "{}", answer.text());
@@ -78,10 +78,10 @@ fn mdi_keeps_modes_and_rejects_before_motion() {
         assert!((top - 50.0).abs() < 0.5, "{top} mm/s");
         let mut wrong = command("MDI");
         assert!(wrong.set_text("G90 G1 X9999 F100"));
-        let answer = operator.ask(&wrong);
+        let answer = operator.request(&wrong);
         assert_eq!((answer.verdict, answer.alarm), (1, 919), "{}", answer.text());
         assert!(wrong.set_text("G1 X#"));
-        assert_eq!(operator.ask(&wrong).alarm, 923);
+        assert_eq!(operator.request(&wrong).alarm, 923);
         assert_eq!(operator.now().job, job);
         drop(operator);
         scene.end();
@@ -147,7 +147,7 @@ fn mdi_parameters_last_for_mdi_but_not_for_programs() {
         // A parameter that was never set is an error as before, and a block with an error changes nothing.
         let mut wrong = command("MDI");
         assert!(wrong.set_text("#100 = 1 G0 X#<height>"));
-        assert_eq!(operator.ask(&wrong).alarm, 923);
+        assert_eq!(operator.request(&wrong).alarm, 923);
         let job = operator.says_text("MDI", "G0 X[-#100]").job;
         assert!((operator.sees_end(job).position_machine[0] + 7.5).abs() < 1e-9);
         // A program begins without them and leaves none of its own.

@@ -114,7 +114,7 @@ fn increments_end_on_target_and_jogs_at_soft_limits() {
         let status = operator.sees_end(job);
         assert_eq!((status.job_result, status.position_machine[0]), (DONE, 12.5));
         jog.values[0] = 500.0;
-        let answer = operator.ask(&jog);
+        let answer = operator.request(&jog);
         assert_eq!((answer.verdict, answer.alarm), (1, 919));
         assert!(answer.text().contains("112.5"), "{}", answer.text());
         // Continuous, renewed until it is at the end of the travel.
@@ -162,7 +162,7 @@ fn no_jog_is_accepted_while_stop_brakes() {
         let job = operator.does(&jog).job;
         operator.waits("full speed", |status| status.velocity[0] < -49.0);
         operator.says("STOP");
-        let answer = operator.ask(&jog);
+        let answer = operator.request(&jog);
         let is_rejected = (answer.verdict, answer.alarm) == (1, 914);
         assert!(is_rejected || answer.job != job, "{}", answer.text());
         assert_eq!(operator.sees_end(job).job_result, STOPPED);
@@ -200,7 +200,7 @@ fn an_increment_during_a_jog_counts_from_its_stop() {
             };
             increment.values[axis] = distance;
             while operator.setpoints.receive().expect("setpoints").is_some() {}
-            let answer = operator.ask(&increment);
+            let answer = operator.request(&increment);
             // The host was slower than the dead-man timeout.
             if answer.verdict != 0 || answer.job != job {
                 operator.waits("rest", |status| status.activity == 0);
@@ -263,7 +263,7 @@ fn turns_round(operator: &mut Operator) -> bool {
         std::thread::sleep(Duration::from_millis(5));
     }
     while operator.setpoints.receive().expect("setpoints").is_some() {}
-    let answer = operator.ask(&jog(-1.0, 30.0));
+    let answer = operator.request(&jog(-1.0, 30.0));
     let (mut still, mut last, mut turned) = (0, f64::NAN, false);
     if answer.verdict == 0 && answer.job == job {
         let end = operator.follows(
@@ -271,8 +271,8 @@ fn turns_round(operator: &mut Operator) -> bool {
                 still += u32::from(setpoint.velocity[0] == 0.0);
                 if last.is_finite() {
                     let step = (setpoint.velocity[0] - last).abs();
-                    let most = 5000.0 * 1.001 * setpoint.period_ns as f64 * 1e-9;
-                    assert!(step <= most, "{step}");
+                    let max_step = 5000.0 * 1.001 * setpoint.period_ns as f64 * 1e-9;
+                    assert!(step <= max_step, "{step}");
                 }
                 last = setpoint.velocity[0];
             },

@@ -15,7 +15,7 @@ const X_ONLY: u32 = 1;
 
 /// Measurements of a reader of every setpoint: differences of the published positions of all axes.
 #[derive(Debug, Default)]
-struct Seen {
+struct Measured {
     count: u64,
     lost: u64,
     worst_velocity: f64,
@@ -24,7 +24,7 @@ struct Seen {
 
 struct Watcher {
     stop: Arc<AtomicBool>,
-    thread: std::thread::JoinHandle<Seen>,
+    thread: std::thread::JoinHandle<Measured>,
 }
 
 impl Watcher {
@@ -42,7 +42,7 @@ impl Watcher {
             let bus = ClientBus::open(&config).expect("a core");
             let mut reader = bus.setpoints().expect("setpoints");
             ready_sender.send(()).expect("a test");
-            let mut seen = Seen::default();
+            let mut measured = Measured::default();
             let mut past: Vec<[f64; 9]> = Vec::new();
             loop {
                 // Setpoints from before the stop request are still read.
@@ -54,29 +54,31 @@ impl Watcher {
                     std::thread::sleep(Duration::from_millis(1));
                     continue;
                 };
-                seen.count += 1;
+                measured.count += 1;
                 let rate = 1e9 / setpoint.period_ns as f64;
                 past.insert(0, setpoint.position);
                 past.truncate(4);
                 for axis in 0..9 {
-                    let place = |k: usize| past.get(k).map(|past| past[axis]);
-                    if let (Some(a), Some(b)) = (place(0), place(1)) {
-                        seen.worst_velocity = seen.worst_velocity.max((a - b).abs() * rate);
+                    let position = |k: usize| past.get(k).map(|past| past[axis]);
+                    if let (Some(a), Some(b)) = (position(0), position(1)) {
+                        measured.worst_velocity = measured.worst_velocity.max((a - b).abs() * rate);
                     }
-                    if let (Some(a), Some(b), Some(c), Some(d)) = (place(0), place(1), place(2), place(3)) {
+                    if let (Some(a), Some(b), Some(c), Some(d)) =
+                        (position(0), position(1), position(2), position(3))
+                    {
                         let jerk = (a - 3.0 * b + 3.0 * c - d).abs() * rate.powi(3);
-                        seen.worst_jerk = seen.worst_jerk.max(jerk);
+                        measured.worst_jerk = measured.worst_jerk.max(jerk);
                     }
                 }
             }
-            seen.lost = reader.lost();
-            seen
+            measured.lost = reader.lost();
+            measured
         });
         ready.recv().expect("a watcher");
         Self { stop, thread }
     }
 
-    fn end(self) -> Seen {
+    fn end(self) -> Measured {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().expect("a watcher")
     }
@@ -122,11 +124,14 @@ fn a_program_obeys_all_commands_without_jumps() {
         assert_eq!((stopped.job_result, stopped.activity), (STOPPED, 0));
 
         // From the first to the last: no number is missing, no position is skipped.
-        let seen = watcher.end();
+        let measured = watcher.end();
         let cycles = stopped.cycles - begin.cycles;
-        assert!(seen.count >= cycles && seen.lost == 0, "{seen:?} of {cycles}");
-        assert!(seen.worst_velocity <= 1.001 * 500.0, "{seen:?}");
-        assert!(seen.worst_jerk <= 1.02 * 200_000.0, "{seen:?}");
+        assert!(
+            measured.count >= cycles && measured.lost == 0,
+            "{measured:?} of {cycles}"
+        );
+        assert!(measured.worst_velocity <= 1.001 * 500.0, "{measured:?}");
+        assert!(measured.worst_jerk <= 1.02 * 200_000.0, "{measured:?}");
         drop(operator);
         scene.end();
     });
@@ -172,7 +177,7 @@ fn nothing_resumes_a_program_that_was_told_to_stop() {
         operator.says("HOLD");
         operator.says("STOP");
         // While it stops nothing is held; once it has stopped nothing runs.
-        let answer = operator.ask(&command("RESUME"));
+        let answer = operator.request(&command("RESUME"));
         assert!(
             answer.verdict == 1 && [915, 920].contains(&answer.alarm),
             "{}",
@@ -200,7 +205,7 @@ fn a_long_program_is_checked_whole_before_it_starts() {
         operator.says_text("LOAD", bad.to_str().expect("UTF-8"));
         // Rejected until it is checked, and then for its errors: nothing moves.
         let refused = loop {
-            let answer = operator.ask(&command("START"));
+            let answer = operator.request(&command("START"));
             assert_ne!(answer.verdict, 0, "started");
             if answer.alarm != 926 {
                 break answer;
@@ -220,7 +225,7 @@ fn a_long_program_is_checked_whole_before_it_starts() {
         let good = scene.workshop.write("good.ngc", format!("{start}M2\n"));
         operator.says_text("LOAD", good.to_str().expect("UTF-8"));
         let started = |operator: &mut Operator| loop {
-            let answer = operator.ask(&command("START"));
+            let answer = operator.request(&command("START"));
             if answer.alarm != 926 {
                 break answer;
             }
@@ -241,7 +246,7 @@ fn a_long_program_is_checked_whole_before_it_starts() {
         operator.says_text("LOAD", short.to_str().expect("UTF-8"));
         offset.values[0] = 399.9;
         operator.does(&offset);
-        assert_eq!(operator.ask(&command("START")).alarm, 919);
+        assert_eq!(operator.request(&command("START")).alarm, 919);
         drop(operator);
         scene.end();
     });
@@ -255,7 +260,7 @@ fn a_long_loop_is_checked_whole_before_it_starts() {
         operator.brings_up();
         operator.says_number("MODE", 0);
         let started = |operator: &mut Operator| loop {
-            let answer = operator.ask(&command("START"));
+            let answer = operator.request(&command("START"));
             if answer.alarm != 926 {
                 break answer;
             }
@@ -292,11 +297,11 @@ fn a_long_loop_is_checked_whole_before_it_starts() {
         operator.says("STOP");
         operator.sees_end(answer.job);
         drop(operator);
-        let told = scene.finish();
+        let finished = scene.finish();
         assert!(
-            told.err.contains("endless.ngc: checked up to line 22"),
+            finished.err.contains("endless.ngc: checked up to line 22"),
             "{}",
-            told.err
+            finished.err
         );
     });
 }
@@ -314,7 +319,7 @@ fn single_step_runs_by_block_and_program_stops_wait() {
         operator.says_number("OPTIONAL_STOP", 1);
         operator.says_text("LOAD", program.to_str().expect("UTF-8"));
         let job = operator.says("STEP").job;
-        let mut places = Vec::new();
+        let mut stops = Vec::new();
         loop {
             let at = operator.waits("a stop or the end", |status| {
                 status.state == 7 || status.job_result != 0
@@ -322,8 +327,8 @@ fn single_step_runs_by_block_and_program_stops_wait() {
             if at.job_result != 0 {
                 break;
             }
-            places.push((at.position_machine[0], at.position_machine[1]));
-            if places.len() == 3 {
+            stops.push((at.position_machine[0], at.position_machine[1]));
+            if stops.len() == 3 {
                 operator.says_number("SINGLE_STEP", 0);
             }
             operator.says("RESUME");
@@ -333,7 +338,7 @@ fn single_step_runs_by_block_and_program_stops_wait() {
         }
         assert_eq!(operator.sees_end(job).job_result, DONE);
         // After each line that moves; M0 and M1 stop once each, and X20 is never driven.
-        assert_eq!(places, [(5.0, 0.0), (5.0, 5.0), (0.0, 5.0)]);
+        assert_eq!(stops, [(5.0, 0.0), (5.0, 5.0), (0.0, 5.0)]);
         drop(operator);
         scene.end();
     });
@@ -342,11 +347,11 @@ fn single_step_runs_by_block_and_program_stops_wait() {
 /// Follows setpoints until the machine is held; returns the one with this number, the first that brakes, and
 /// the last.
 fn sees_hold(operator: &mut Operator, number: u64) -> [Setpoint; 3] {
-    let (mut told, brakes) = (None, Cell::new(None));
+    let (mut named, brakes) = (None, Cell::new(None));
     let held = operator.follows(
         |setpoint| {
             if setpoint.sequence == number {
-                told = Some(*setpoint);
+                named = Some(*setpoint);
             }
             // A hold before that number was another one.
             if setpoint.sequence <= number {
@@ -360,7 +365,7 @@ fn sees_hold(operator: &mut Operator, number: u64) -> [Setpoint; 3] {
         |setpoint| setpoint.sequence > number && setpoint.state == 3 && brakes.get().is_some(),
     );
     let brakes = brakes.get().expect("a braking one");
-    [told.expect("that setpoint"), brakes, held]
+    [named.expect("that setpoint"), brakes, held]
 }
 
 #[test]
@@ -381,40 +386,40 @@ fn single_step_while_running_holds_in_the_next_line() {
         let job = operator.says("START").job;
         operator.waits("line 3", |status| status.line >= 3);
         let mut answer = operator.says_number("SINGLE_STEP", 1);
-        let mut place = [0.0; 9];
+        let mut last_position = [0.0; 9];
         // From a feed of v with a jerk of j, without reaching the acceleration limit, the distance is v
         // sqrt(v / j). The bound leaves 30 ms at the feed.
         let (feed, jerk) = (20.0_f64, 200_000.0);
-        let least_mm = feed * (feed / jerk).sqrt();
-        let most_mm = least_mm + 3.0 * 0.010 * feed;
+        let min_mm = feed * (feed / jerk).sqrt();
+        let max_mm = min_mm + 3.0 * 0.010 * feed;
         for again in ["RESUME", "STEP", "RESUME"] {
-            let [told, brakes, held] = sees_hold(&mut operator, answer.sequence);
-            let line = told.line + 1;
-            assert_eq!((brakes.line, held.line), (line, line), "{told:?}");
+            let [named, brakes, held] = sees_hold(&mut operator, answer.sequence);
+            let line = named.line + 1;
+            assert_eq!((brakes.line, held.line), (line, line), "{named:?}");
             let begin = 20.0 * f64::from(line - 2);
             assert!(brakes.position[0] >= begin, "{brakes:?}");
-            let way = held.position[0] - brakes.position[0];
+            let distance = held.position[0] - brakes.position[0];
             // The first setpoint that brakes has already made one step of the stop.
             assert!(
-                (0.85 * least_mm..most_mm).contains(&way),
-                "{way}, not {least_mm} to {most_mm}"
+                (0.85 * min_mm..max_mm).contains(&distance),
+                "{distance}, not {min_mm} to {max_mm}"
             );
             let status = operator.now();
             assert_eq!((status.line, status.state, status.switches & 9), (line, 3, 9));
             assert_eq!(status.position_machine, held.position);
             assert_eq!(status.distance_to_go[0], begin + 20.0 - held.position[0]);
-            place = held.position;
+            last_position = held.position;
             answer = operator.says(again);
         }
         // At a program stop the next line is the one that begins there.
         let stop = loop {
             let at = operator.waits("the next hold or stop", |status| {
-                (status.state == 3 || status.state == 7) && status.position_machine != place
+                (status.state == 3 || status.state == 7) && status.position_machine != last_position
             });
             if at.state == 7 {
                 break at;
             }
-            place = at.position_machine;
+            last_position = at.position_machine;
             operator.says("RESUME");
         };
         assert_eq!((stop.line, stop.position_machine[0]), (10, 160.0));
@@ -440,9 +445,9 @@ fn a_step_from_a_stop_drives_one_whole_line() {
         operator.says_number("MODE", 0);
         operator.says_text("LOAD", program.to_str().expect("UTF-8"));
         let job = operator.says("STEP").job;
-        for place in [[5.0, 0.0], [5.0, 5.0], [0.0, 5.0]] {
+        for position in [[5.0, 0.0], [5.0, 5.0], [0.0, 5.0]] {
             let at = operator.waits("a stop", |status| {
-                status.state == 7 && status.position_machine[..2] == place
+                status.state == 7 && status.position_machine[..2] == position
             });
             assert_eq!(at.switches & 9, 1, "held as well");
             operator.says("STEP");

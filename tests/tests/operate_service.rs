@@ -143,20 +143,20 @@ fn systemd_is_notified_of_ready_alive_and_stopping() {
             .stderr(Stdio::null())
             .spawn()
             .expect("the binary to start");
-        let hear = || {
+        let next_message = || {
             let mut text = [0; 64];
             let length = manager.recv(&mut text).expect("news");
             String::from_utf8_lossy(&text[..length]).into_owned()
         };
-        assert_eq!(hear(), "READY=1");
+        assert_eq!(next_message(), "READY=1");
         let begin = Instant::now();
         for _ in 0..5 {
-            assert_eq!(hear(), "WATCHDOG=1");
+            assert_eq!(next_message(), "WATCHDOG=1");
         }
         assert!(begin.elapsed() < Duration::from_secs(5));
         let pid = rustix::process::Pid::from_raw(child.id().cast_signed()).expect("a process");
         rustix::process::kill_process(pid, rustix::process::Signal::TERM).expect("a living process");
-        while hear() != "STOPPING=1" {}
+        while next_message() != "STOPPING=1" {}
         child.wait().expect("a process that ends");
     });
 }

@@ -5,7 +5,7 @@ use evolvent_bus::{ControlRequest, Status};
 use evolvent_tests::{Operator, Scene, command, unless_disturbed};
 
 const DWELLS: u32 = 6;
-const STANDS: u32 = 7;
+const STOPPED: u32 = 7;
 
 fn starts(scene: &Scene, program: &str) -> (Operator, u64) {
     let program = scene.workshop.write("program.ngc", program);
@@ -18,8 +18,8 @@ fn starts(scene: &Scene, program: &str) -> (Operator, u64) {
 }
 
 #[track_caller]
-fn stands_at(operator: &mut Operator, line: u32) -> Status {
-    operator.waits("a stop", |status| status.state == STANDS && status.line == line)
+fn waits_at_line(operator: &mut Operator, line: u32) -> Status {
+    operator.waits("a stop", |status| status.state == STOPPED && status.line == line)
 }
 
 #[test]
@@ -31,11 +31,11 @@ fn messages_come_where_the_program_has_them() {
         let (mut operator, mut job) = starts(&scene, text);
         // A series of parts: each run prints the same message again.
         for part in 0..3 {
-            let first = stands_at(&mut operator, 4);
+            let first = waits_at_line(&mut operator, 4);
             assert_eq!(first.operator_message(), "flip the part", "part {part}");
             assert_eq!(first.position_machine[0], 10.0);
             operator.says("RESUME");
-            let second = stands_at(&mut operator, 6);
+            let second = waits_at_line(&mut operator, 6);
             assert_eq!(second.operator_message(), "measure", "part {part}");
             operator.says("RESUME");
             let dwell = operator.waits("the dwell", |status| status.state == DWELLS);
@@ -61,14 +61,14 @@ fn a_request_ends_with_the_stop_that_it_is_about() {
     unless_disturbed(|| {
         let scene = Scene::new("requests");
         let (mut operator, job) = starts(&scene, "G21 G90 F600\nG1 X1\nT4 M6\nG1 X11\nM0\nG1 X12\nM2\n");
-        let stop = stands_at(&mut operator, 3);
+        let stop = waits_at_line(&mut operator, 3);
         assert!(stop.operator_message().contains("put tool 4 into the spindle"));
         operator.says("RESUME");
         let cut = operator.waits("the cut", |status| {
             status.line == 4 && status.position_machine[0] > 2.0
         });
         assert_eq!(cut.operator_message(), "");
-        stands_at(&mut operator, 5);
+        waits_at_line(&mut operator, 5);
         // Jogged away from the program, after which the job is ended.
         let mut jog = ControlRequest {
             axes_mask: 0b10,

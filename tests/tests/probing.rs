@@ -244,12 +244,12 @@ fn what_a_contact_is_late_by_is_feed_times_time() {
                 ("G38.2 Z-9 F15000", BAD_PROGRAM, "overtravel_mm is 2"),
                 ("G38.2 Z-900 F300", BEYOND_TRAVEL, "Z"),
             ] {
-                let refused = operator.ask(&mdi(block));
+                let refused = operator.request(&mdi(block));
                 assert_eq!(refused.alarm, alarm, "{}", refused.text());
                 assert!(refused.text().contains(word), "{}", refused.text());
             }
             // Files in other folders are rejected before anything moves.
-            let refused = operator.ask(&mdi("(LOGOPEN,../elsewhere.txt)"));
+            let refused = operator.request(&mdi("(LOGOPEN,../elsewhere.txt)"));
             assert_eq!(refused.alarm, BAD_PROGRAM, "{}", refused.text());
             drop(operator);
             served.end().expect_code(&[0, 3]);

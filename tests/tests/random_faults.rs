@@ -1,7 +1,7 @@
 //! Random programs that probe, change tools, tap and cut by G95 and G96, on a served machine with simulated
 //! drives.
 //! At a random moment one part fails (the probe, the tool changer, the spindle, a drive, the bridge), or
-//! somebody holds or stops. Every published setpoint keeps the limits, the machine stops, the alarm names the
+//! an operator holds or stops. Every published setpoint keeps the limits, the machine stops, the alarm names the
 //! cause, the trace is recomputed bit for bit, and the next job works.
 //!
 //! `EVOLVENT_CASES` makes it a campaign. Each case prints its seed: `EVOLVENT_SEED=SEED EVOLVENT_CASES=1`
@@ -145,11 +145,11 @@ impl Plant {
             let status = operator.now();
             let has_alarms = status.alarm_count > 0;
             if status.activity == 0 && has_alarms {
-                operator.ask(&command("CLEAR_ALARMS"));
+                operator.request(&command("CLEAR_ALARMS"));
             }
             match status.machine_state {
-                0 => drop(operator.ask(&command("ESTOP_RESET"))),
-                1 => drop(operator.ask(&command("ON"))),
+                0 => drop(operator.request(&command("ESTOP_RESET"))),
+                1 => drop(operator.request(&command("ON"))),
                 _ if status.activity == 0 && !has_alarms => {
                     if status.homed_mask & 0b111 != 0b111 {
                         operator.says_number("MODE", MANUAL);
@@ -178,7 +178,7 @@ impl Plant {
     fn acts(&mut self) {
         match self.case.trouble {
             Trouble::Hold => {
-                let answer = self.operator.ask(&command("HOLD"));
+                let answer = self.operator.request(&command("HOLD"));
                 if answer.verdict == 0 {
                     self.stops.push(answer.sequence);
                 }
@@ -189,7 +189,7 @@ impl Plant {
                     "no rest {} s after HOLD",
                     self.case.pause_s
                 );
-                self.operator.ask(&command("RESUME"));
+                self.operator.request(&command("RESUME"));
             }
             Trouble::Stop | Trouble::EmergencyStop => {
                 let name = if self.case.trouble == Trouble::Stop {
@@ -197,7 +197,7 @@ impl Plant {
                 } else {
                     "ESTOP"
                 };
-                let answer = self.operator.ask(&command(name));
+                let answer = self.operator.request(&command(name));
                 if answer.verdict == 0 {
                     self.stops.push(answer.sequence);
                 }
@@ -218,7 +218,7 @@ impl Plant {
         let program = self.shop.workshop.write("part.ngc", &self.case.program);
         self.operator.says_number("MODE", AUTO);
         self.operator.says_text("LOAD", &program.display().to_string());
-        let answer = self.operator.ask(&command("START"));
+        let answer = self.operator.request(&command("START"));
         if answer.verdict != 0 {
             // A fault of the bridge may come before the start.
             let status = self.operator.now();
@@ -231,7 +231,7 @@ impl Plant {
         }
         let begin = Instant::now();
         let mut is_due = true;
-        let mut asked: Option<Instant> = None;
+        let mut requested: Option<Instant> = None;
         loop {
             let job = answer.job;
             let status = self.operator.waits("a status", |_| true);
@@ -244,20 +244,20 @@ impl Plant {
                 continue;
             }
             if status.tool_change == 1 {
-                let since = asked.get_or_insert_with(Instant::now).elapsed();
+                let since = requested.get_or_insert_with(Instant::now).elapsed();
                 if self.case.trouble == Trouble::ChangerSilent {
                     if since > Duration::from_millis(600) {
                         self.operator.says("STOP");
                     }
                 } else if since > Duration::from_millis(100) {
-                    self.operator.ask(&command("RESUME"));
-                    asked = None;
+                    self.operator.request(&command("RESUME"));
+                    requested = None;
                 }
             } else {
-                asked = None;
+                requested = None;
                 // A hold during the request for a tool.
                 if status.state == HELD && !is_due && rests(&status) {
-                    self.operator.ask(&command("RESUME"));
+                    self.operator.request(&command("RESUME"));
                 }
             }
             assert!(
@@ -472,7 +472,7 @@ fn random_faults_stop_the_machine_and_are_named() {
                     // The campaign continues and reports every failure.
                     let played = std::panic::catch_unwind(|| unless_disturbed(|| play(&case)));
                     match played {
-                        Ok(told) => println!("{told}"),
+                        Ok(report) => println!("{report}"),
                         Err(_) => {
                             println!("FAILED {case:?}\n{}", case.program);
                             failed.lock().expect("no panic").push(case.seed);

@@ -129,10 +129,10 @@ fn shipped_programs_keep_limits_travel_and_tolerance() {
         for axis in 0..3 {
             let miss = (last.position[axis] - end[axis]).abs();
             assert!(miss <= 1e-9, "{program}: axis {axis} ends {miss:e} mm off");
-            let told = summary["end_position"][axis].as_f64().expect("a number");
+            let reported = summary["end_position"][axis].as_f64().expect("a number");
             assert!(
-                (told - last.position[axis]).abs() <= 1e-12,
-                "{program}: axis {axis} told to end at {told}"
+                (reported - last.position[axis]).abs() <= 1e-12,
+                "{program}: axis {axis} reported to end at {reported}"
             );
         }
         let chord = number("max_chord_error_mm");
@@ -153,21 +153,21 @@ fn shipped_programs_keep_limits_travel_and_tolerance() {
         for (axis, limits) in LIMITS.iter().enumerate() {
             let names = ["max_velocity_mm_s", "max_acceleration_mm_s2", "max_jerk_mm_s3"];
             let permitted = [1.001, 1.001, 1.02];
-            for (order, seen) in extremes(&found, axis, number("period_ns") * 1e-9)
+            for (order, measured) in extremes(&found, axis, number("period_ns") * 1e-9)
                 .into_iter()
                 .enumerate()
             {
-                let ratio = seen / limits[order];
+                let ratio = measured / limits[order];
                 assert!(
                     ratio <= permitted[order],
                     "{program}: axis {axis}, {}: {ratio} of the limit",
                     names[order]
                 );
-                let told = summary[names[order]][axis].as_f64().expect("a number");
-                let alike = (told - seen).abs() <= 1e-6 * limits[order];
+                let reported = summary[names[order]][axis].as_f64().expect("a number");
+                let alike = (reported - measured).abs() <= 1e-6 * limits[order];
                 assert!(
                     alike,
-                    "{program}: axis {axis}, {}: {told} told, {seen} measured",
+                    "{program}: axis {axis}, {}: {reported} reported, {measured} measured",
                     names[order]
                 );
             }
@@ -193,19 +193,19 @@ fn extremes(cycles: &[Cycle], axis: usize, period_s: f64) -> [f64; 3] {
         ..*first
     };
     let padded: Vec<&Cycle> = [&start; 3].into_iter().chain(cycles).chain([last; 3]).collect();
-    let mut most = [0.0_f64; 3];
+    let mut max = [0.0_f64; 3];
     for four in padded.windows(4) {
         let p: Vec<f64> = four.iter().map(|cycle| cycle.position[axis]).collect();
         let velocity = (p[3] - p[2]) / period_s;
         let acceleration = (p[3] - 2.0 * p[2] + p[1]) / (period_s * period_s);
         let jerk = (p[3] - 3.0 * p[2] + 3.0 * p[1] - p[0]) / (period_s * period_s * period_s);
-        most[0] = most[0].max(velocity.abs());
-        most[1] = most[1].max(acceleration.abs());
+        max[0] = max[0].max(velocity.abs());
+        max[1] = max[1].max(acceleration.abs());
         if four.iter().all(|cycle| cycle.flags & JOINT == 0) {
-            most[2] = most[2].max(jerk.abs());
+            max[2] = max[2].max(jerk.abs());
         }
     }
-    most
+    max
 }
 
 #[test]

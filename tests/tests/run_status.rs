@@ -20,21 +20,21 @@ fn statuses(name: &str, has_drives: bool) -> Vec<Status> {
         .start();
     let bus = domain.client(name);
     let mut reader = bus.status().expect("the status");
-    let (begin, mut seen) = (Instant::now(), Vec::new());
+    let (begin, mut moving) = (Instant::now(), Vec::new());
     while begin.elapsed() < Duration::from_secs(6) {
         let status = reader.latest().expect("the status");
-        seen.extend(status.filter(|status| status.velocity != [0.0; 9]));
+        moving.extend(status.filter(|status| status.velocity != [0.0; 9]));
         std::thread::sleep(Duration::from_millis(5));
     }
     let _finished = wait(child);
-    seen
+    moving
 }
 
 #[test]
 fn a_run_shows_the_positions_of_its_drives() {
     unless_disturbed(|| {
-        let seen = statuses("run-drives", true);
-        let with: Vec<&Status> = seen.iter().filter(|status| status.has_feedback()).collect();
+        let moving = statuses("run-drives", true);
+        let with: Vec<&Status> = moving.iter().filter(|status| status.has_feedback()).collect();
         let last = with.last().expect("feedback");
         assert!(last.feedback_age_ns < 800_000_000, "{last:?}");
         assert_eq!(last.enabled_mask, 7, "{last:?}");
@@ -51,6 +51,6 @@ fn a_run_shows_the_positions_of_its_drives() {
 
 #[test]
 fn a_run_without_drives_shows_no_feedback() {
-    let seen = statuses("run-alone", false);
-    assert!(!seen.is_empty() && seen.iter().all(|status| !status.has_feedback()));
+    let moving = statuses("run-alone", false);
+    assert!(!moving.is_empty() && moving.iter().all(|status| !status.has_feedback()));
 }

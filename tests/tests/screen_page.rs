@@ -26,11 +26,15 @@ fn measured(command: &mut Command) -> bool {
         .current_dir(repository())
         .output()
         .expect("a command that starts");
-    let said = [output.stdout, output.stderr].concat();
-    let said = String::from_utf8_lossy(&said);
-    println!("{said}");
-    assert!(output.status.success(), "{command:?}: {}\n{said}", output.status);
-    !said.contains("not measured")
+    let printed = [output.stdout, output.stderr].concat();
+    let printed = String::from_utf8_lossy(&printed);
+    println!("{printed}");
+    assert!(
+        output.status.success(),
+        "{command:?}: {}\n{printed}",
+        output.status
+    );
+    !printed.contains("not measured")
 }
 
 /// Whether the page can be built and a browser is available. The first call installs what is needed.
@@ -43,7 +47,7 @@ fn is_buildable() -> bool {
 fn the_committed_page_matches_its_sources_and_runs() {
     if is_buildable() {
         // The other cases run on a machine, in the next test.
-        let _said =
+        let _measured =
             measured(Command::new("node").args(["crates/app/screen/page/tests/made-up.mjs", "--rest"]));
     }
 }
@@ -66,7 +70,7 @@ fn a_browser_operates_a_machine_by_the_page() {
     drop(operator);
     let mut command = against(&address, &scene.workshop.path("state"));
     command.env("EVOLVENT_CTL", ctl(&scene));
-    let _said = measured(&mut command);
+    let _measured = measured(&mut command);
     let served = scene.served.take().expect("a core");
     served.end().expect_code(&[0, 3]);
     drop(drives);
@@ -99,27 +103,27 @@ fn staying(address: &str, texts: &[&str]) -> Option<(Child, BufReader<ChildStdou
         .stdout(Stdio::piped())
         .spawn()
         .expect("node to start");
-    let mut said = BufReader::new(child.stdout.take().expect("its output"));
+    let mut output = BufReader::new(child.stdout.take().expect("its output"));
     let mut line = String::new();
-    said.read_line(&mut line).expect("a line");
+    output.read_line(&mut line).expect("a line");
     if line.contains("not measured") {
         child.wait().expect("a process that ends");
         return None;
     }
     assert_eq!(line, "open\n");
-    Some((child, said))
+    Some((child, output))
 }
 
 /// Waits until a page shows a text.
-fn shows((_, said): &mut (Child, BufReader<ChildStdout>), text: &str) {
+fn shows((_, output): &mut (Child, BufReader<ChildStdout>), text: &str) {
     let mut line = String::new();
-    said.read_line(&mut line).expect("a line");
+    output.read_line(&mut line).expect("a line");
     assert_eq!(line.trim_end(), text);
 }
 
-fn ends((mut child, mut said): (Child, BufReader<ChildStdout>)) {
+fn ends((mut child, mut output): (Child, BufReader<ChildStdout>)) {
     let mut rest = String::new();
-    said.read_to_string(&mut rest).expect("its output");
+    output.read_to_string(&mut rest).expect("its output");
     assert!(child.wait().expect("a process that ends").success(), "{rest}");
     assert_eq!(rest, "ok\n");
 }
@@ -255,7 +259,7 @@ fn outputs_and_the_handwheel_are_set_at_the_page() {
     let bridge = inputs_of(&domain, name, counts.clone(), Arc::clone(&is_over));
     for case in ["outputs are set", "the handwheel moves"] {
         let mut command = against(&address, &state);
-        let _said = measured(command.arg(case).env("EVOLVENT_WHEEL", &counts));
+        let _measured = measured(command.arg(case).env("EVOLVENT_WHEEL", &counts));
     }
     is_over.store(true, Ordering::Release);
     bridge.join().expect("a bridge that ends");
@@ -283,7 +287,7 @@ fn a_lathe_shows_its_passes_and_the_limits_of_chatter() {
     let mut served = Served::start(&machine, "screen-lathe", &domain, &state, &options);
     let [address, _] = served.screen();
     let mut command = against(&address, &state);
-    let _said = measured(command.arg("lathe"));
+    let _measured = measured(command.arg("lathe"));
     served.end().expect_code(&[0, 3]);
 }
 
@@ -297,6 +301,6 @@ fn a_browser_operates_over_an_encrypted_connection() {
     let state = scene.workshop.path("state");
     let mut command = against(&address, &state);
     command.env("EVOLVENT_CERTIFICATE", state.join("screen/certificate.pem"));
-    let _said = measured(command.arg("an encrypted page"));
+    let _measured = measured(command.arg("an encrypted page"));
     scene.end();
 }

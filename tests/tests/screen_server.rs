@@ -48,11 +48,11 @@ fn scene_with(name: &str, options: &[&str]) -> (Scene, [String; 2]) {
 fn client(words: &[&str]) -> Option<String> {
     let mut command = python("screen_client.py")?;
     let output = command.args(words).output().expect("Python to start");
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
     let faults = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{said}\n{faults}");
-    println!("{said}");
-    Some(said)
+    assert!(output.status.success(), "{printed}\n{faults}");
+    println!("{printed}");
+    Some(printed)
 }
 
 #[test]
@@ -84,11 +84,11 @@ fn a_jog_of_a_lost_page_stops_within_100_ms() {
         println!(
             "{loss:?}: counted {stops:.1?} ms; kept waiting by the host {others:.1?} ms; {early} ended early"
         );
-        let most_ms = 100.0 + 5.0 * operator.now().period_ns as f64 * 1e-6;
+        let max_ms = 100.0 + 5.0 * operator.now().period_ns as f64 * 1e-6;
         let late: Vec<f64> = stops
             .iter()
             .copied()
-            .filter(|&begins_ms| begins_ms > most_ms)
+            .filter(|&begins_ms| begins_ms > max_ms)
             .collect();
         assert!(
             late.is_empty(),
@@ -119,8 +119,8 @@ fn jogger(address: &str) -> Option<Child> {
 /// ms from the loss of a jog's page to the first setpoint that brakes, and the maximum lateness of the
 /// setpoints meanwhile. `None` if the jog had ended before.
 fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option<(f64, Duration)> {
-    let mut said = BufReader::new(client.stdout.take().expect("its output")).lines();
-    let began = said
+    let mut lines = BufReader::new(client.stdout.take().expect("its output")).lines();
+    let began = lines
         .next()
         .is_some_and(|line| line.is_ok_and(|line| line == "jogging"));
     // Longer than the dead-man timeout: the jog is renewed.
@@ -172,7 +172,7 @@ fn the_first_jog_and_emergency_stop_are_accepted() {
         let (scene, [address, _]) = scene("screen-first");
         let mut operator = scene.operator();
         operator.brings_up();
-        let _said = client(&["first", &address]);
+        let _printed = client(&["first", &address]);
         drop(operator);
         scene.end();
     });
@@ -184,7 +184,7 @@ fn leases_roles_origins_and_uploads_follow_the_rules() {
     unless_disturbed(|| {
         let options = ["--screen=127.0.0.1:0", "--trace-limit=1"];
         let (scene, [address, watch]) = scene_with("screen-rules", &options);
-        let _said = client(&["rules", &address, &watch]);
+        let _printed = client(&["rules", &address, &watch]);
         scene.end();
     });
 }
@@ -193,7 +193,7 @@ fn leases_roles_origins_and_uploads_follow_the_rules() {
 fn a_flooding_client_is_disconnected() {
     unless_disturbed(|| {
         let (scene, [address, _]) = scene("screen-limits");
-        let _said = client(&["limits", &address]);
+        let _printed = client(&["limits", &address]);
         scene.end();
     });
 }
@@ -230,7 +230,7 @@ fn a_page_has_the_certificate_that_it_is_given() {
         ];
         let options: Vec<&str> = options.iter().map(String::as_str).collect();
         let (scene, [address, _]) = scene_with("screen-certificate", &options);
-        let _said = client(&["certificate", &address, &certificate]);
+        let _printed = client(&["certificate", &address, &certificate]);
         scene.end();
     });
 }
@@ -275,10 +275,10 @@ fn twenty_viewers_do_not_delay_each_other() {
         let mut operator = scene.operator();
         operator.brings_up();
         let program = std::fs::read_to_string(scene.workshop.long_program(60)).expect("a program");
-        let Some(said) = client(&["crowd", &address, &program, "20", "8"]) else {
+        let Some(printed) = client(&["crowd", &address, &program, "20", "8"]) else {
             return;
         };
-        let found: serde_json::Value = serde_json::from_str(&said).expect("JSON");
+        let found: serde_json::Value = serde_json::from_str(&printed).expect("JSON");
         let status = operator.now();
         println!(
             "late cycles {}, latest wake-up {} ns",
@@ -286,7 +286,7 @@ fn twenty_viewers_do_not_delay_each_other() {
         );
         assert_eq!(status.activity, 1, "the program runs");
         // 60 per second if the host has the time; a tenth of it shows that no page waits for another.
-        assert!(found["least_frames"].as_u64() > Some(48), "{said}");
+        assert!(found["least_frames"].as_u64() > Some(48), "{printed}");
         operator.says("STOP");
         operator.waits("rest", |status| status.activity == 0);
         drop(operator);

@@ -87,7 +87,7 @@ fn homing_finds_machine_zero_with_any_encoder_error() {
         operator.says_number("MODE", 2);
         let mut mdi = command("MDI");
         assert!(mdi.set_text("G0 X1"));
-        assert_eq!(operator.ask(&mdi).alarm, 916);
+        assert_eq!(operator.request(&mdi).alarm, 916);
         let status = operator.homes();
         assert_eq!(
             (status.job_result, status.homed_mask),
@@ -118,10 +118,10 @@ fn homing_finds_machine_zero_with_any_encoder_error() {
             .map(|cycle| cycle.expect("a readable cycle").following_error[0].abs())
             .filter(|error| !error.is_nan())
             .collect();
-        let most = errors.iter().copied().fold(0.0, f64::max);
+        let max = errors.iter().copied().fold(0.0, f64::max);
         assert!(
-            errors.len() > 100 && most > 1e-3 && most < 10.0,
-            "{} of {most} mm at most",
+            errors.len() > 100 && max > 1e-3 && max < 10.0,
+            "{} of {max} mm at most",
             errors.len()
         );
     });
@@ -154,7 +154,7 @@ fn a_missing_switch_ends_homing_with_its_alarm() {
             sentence.contains("limit switch was reached before the home switch"),
             "{sentence}"
         );
-        assert_eq!(operator.ask(&home_x).alarm, 918);
+        assert_eq!(operator.request(&home_x).alarm, 918);
         operator.says("CLEAR_ALARMS");
         operator.waits("clear", |status| status.alarm_count == 0);
         operator.says("ON");
@@ -193,7 +193,7 @@ fn drive_faults_stop_with_their_alarm_and_are_reset() {
             let status = operator.waits("off", |status| status.machine_state == 1 && status.power == 0);
             assert_eq!(status.velocity, [0.0; 9], "{fault}");
             assert_eq!(
-                operator.ask(&command("ON")).alarm,
+                operator.request(&command("ON")).alarm,
                 918,
                 "{fault}: an alarm is latched"
             );
@@ -293,17 +293,17 @@ fn machine_zero_is_lost_with_the_link_unless_kept() {
             } else {
                 assert_eq!(status.homed_mask, 0);
                 assert_eq!(status.listed_alarms(), [418], "{}", status.alarm_sentence());
-                let said = status.alarm_sentence();
+                let sentence = status.alarm_sentence();
                 assert!(
-                    said.contains("home XYZ again") && said.contains("jog to Y0 first"),
-                    "{said}"
+                    sentence.contains("home XYZ again") && sentence.contains("jog to Y0 first"),
+                    "{sentence}"
                 );
                 operator.says("ON");
                 operator.waits("power", |status| status.machine_state == 2);
                 operator.says_number("MODE", 2);
                 let mut mdi = command("MDI");
                 assert!(mdi.set_text("G0 X1"));
-                assert_eq!(operator.ask(&mdi).alarm, 916);
+                assert_eq!(operator.request(&mdi).alarm, 916);
                 // X and Z search their switches; Y has none, and the operator declares its position.
                 let status = operator.homes();
                 assert_eq!(

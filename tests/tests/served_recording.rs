@@ -60,12 +60,12 @@ fn serving_records_every_cycle_and_says_how_to_go_on() {
         let data = text.split("id=\"data\">").nth(1).expect("the data");
         let data: serde_json::Value =
             serde_json::from_str(data.split("</script>").next().expect("its end")).expect("JSON");
-        let said = |job: u64| -> Vec<&str> {
+        let texts = |job: u64| -> Vec<&str> {
             let rows = data["slowest"].as_array().expect("rows");
             let own = rows.iter().filter(|row| row["job"] == job);
             own.filter_map(|row| row["text"].as_str()).collect()
         };
-        assert_eq!((said(1), said(2)), (vec!["G0 X20 Y5"], vec!["G1 X30 Y5 F600"]));
+        assert_eq!((texts(1), texts(2)), (vec!["G0 X20 Y5"], vec!["G1 X30 Y5 F600"]));
         assert_eq!(data["jobs"][1][1], "MDI");
         assert!((data["fastest_cut"].as_f64().expect("a number") - 10.0).abs() < 0.01);
     });

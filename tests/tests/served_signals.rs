@@ -71,12 +71,12 @@ impl Bridge {
         let client = domain.client(name);
         let inputs = Arc::new(AtomicU64::new(inputs));
         let (is_silent, over) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
-        let heard = Arc::new(Mutex::new(Vec::new()));
-        let (its_inputs, its_silence, its_end, its_ears) = (
+        let received = Arc::new(Mutex::new(Vec::new()));
+        let (its_inputs, its_silence, its_end, its_received) = (
             Arc::clone(&inputs),
             Arc::clone(&is_silent),
             Arc::clone(&over),
-            Arc::clone(&heard),
+            Arc::clone(&received),
         );
         let thread = std::thread::spawn(move || {
             let mut outputs = client.outputs().expect("outputs");
@@ -84,7 +84,7 @@ impl Bridge {
             let mut sequence = 0;
             while !its_end.load(Ordering::Acquire) {
                 while let Ok(Some(message)) = outputs.receive() {
-                    its_ears.lock().expect("nobody panicked").push(message);
+                    its_received.lock().expect("nobody panicked").push(message);
                 }
                 if !its_silence.load(Ordering::Acquire) {
                     sequence += 1;
@@ -106,7 +106,7 @@ impl Bridge {
             inputs,
             is_silent,
             over,
-            outputs: heard,
+            outputs: received,
             thread: Some(thread),
         }
     }
@@ -116,7 +116,7 @@ impl Bridge {
     }
 
     /// Every message of outputs so far.
-    fn heard(&self) -> Vec<MachineOutputs> {
+    fn received(&self) -> Vec<MachineOutputs> {
         self.outputs.lock().expect("nobody panicked").clone()
     }
 
@@ -125,14 +125,14 @@ impl Bridge {
     fn waits(&self, what: &str, from: usize, until: impl Fn(&MachineOutputs) -> bool) -> MachineOutputs {
         let begin = Instant::now();
         loop {
-            let heard = self.heard();
-            if let Some(found) = heard.iter().skip(from).find(|message| until(message)) {
+            let received = self.received();
+            if let Some(found) = received.iter().skip(from).find(|message| until(message)) {
                 return *found;
             }
             assert!(
                 begin.elapsed() < Duration::from_secs(60),
                 "{what} does not come: {:?}",
-                heard.last()
+                received.last()
             );
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -227,7 +227,7 @@ fn a_served_program_switches_waits_and_is_recomputed() {
         // Twice: the numbers of blocks and actions continue from job to job.
         for round in 0..2 {
             bridge.reads(CHAIN);
-            let from = bridge.heard().len();
+            let from = bridge.received().len();
             shop.loads(
                 &mut operator,
                 "G21 G90 F3000\nG1 X0\nM3 S1200\nM63 P0\nM67 E3 Q2.5\nG1 X5\nM5\nM66 P2 L3 Q60\nM64 P1\n\
@@ -237,8 +237,12 @@ fn a_served_program_switches_waits_and_is_recomputed() {
             let waiting = operator.waits("the wait", |status| status.switches & switches::INPUT_WAIT != 0);
             assert_eq!(waiting.position_machine[0], 5.0);
             // Only the input continues from here.
-            assert_eq!(operator.ask(&command("RESUME")).alarm, 920);
-            assert_eq!(operator.ask(&set("lamp", 1.0)).alarm, 914, "the program's own");
+            assert_eq!(operator.request(&command("RESUME")).alarm, 920);
+            assert_eq!(
+                operator.request(&set("lamp", 1.0)).alarm,
+                914,
+                "the program's own"
+            );
             bridge.reads(CHAIN | READY);
             let ended = operator.sees_end(job);
             assert_eq!(ended.job_result, DONE, "{}", ended.alarm_sentence());
@@ -262,23 +266,23 @@ fn a_served_program_switches_waits_and_is_recomputed() {
                 }
                 before = Some(setpoint);
             }
-            let heard = bridge.heard();
-            let opened = heard[from..].iter().find(|message| message.digital & 1 == 0);
+            let received = bridge.received();
+            let opened = received[from..].iter().find(|message| message.digital & 1 == 0);
             let opened = opened.expect("the clamp was opened");
             assert_eq!(
                 (Some(opened.cycle), opened.analog[3]),
                 (begins, 2.5),
                 "round {round}"
             );
-            let on = heard[from..]
+            let on = received[from..]
                 .iter()
                 .find(|message| message.spindle_rpm[0] == 1200.0 && message.spindle_direction[0] == 1);
-            let off = heard[from..]
+            let off = received[from..]
                 .iter()
                 .rfind(|message| message.spindle_direction[0] == 0)
                 .expect("off");
             assert!(on.expect("the spindle").cycle <= opened.cycle && off.cycle > opened.cycle);
-            let lamp = heard[from..]
+            let lamp = received[from..]
                 .iter()
                 .find(|message| message.digital & 2 != 0)
                 .expect("the lamp");
@@ -322,9 +326,13 @@ fn an_open_chain_stops_everything_until_a_reset() {
         operator.waits("an open chain", |status| {
             status.switches & switches::CHAIN_OPEN != 0
         });
-        assert_eq!(operator.ask(&command("ESTOP_RESET")).alarm, 928);
-        let told = shop.ctl(&["status"]).expect_code(&[0]);
-        assert!(told.out.contains("emergency-stop chain is open"), "{}", told.out);
+        assert_eq!(operator.request(&command("ESTOP_RESET")).alarm, 928);
+        let status = shop.ctl(&["status"]).expect_code(&[0]);
+        assert!(
+            status.out.contains("emergency-stop chain is open"),
+            "{}",
+            status.out
+        );
         for is_silent in [false, true] {
             bridge.reads(CHAIN);
             bridge.is_silent.store(false, Ordering::Release);
@@ -336,13 +344,13 @@ fn an_open_chain_stops_everything_until_a_reset() {
                 &mut operator,
                 "G21 G90 F3000\nG1 X0\nM3 S900\nM63 P0\nM67 E3 Q9\nG1 X300\nM2\n",
             );
-            let from = bridge.heard().len();
+            let from = bridge.received().len();
             let job = operator.says("START").job;
             operator.waits("the way", |status| status.position_machine[0] > 20.0);
             bridge.waits("the spindle", from, |message| {
                 message.spindle_rpm[0] == 900.0 && message.digital & 1 == 0 && message.analog[3] == 9.0
             });
-            let from = bridge.heard().len();
+            let from = bridge.received().len();
             if is_silent {
                 bridge.is_silent.store(true, Ordering::Release);
             } else {
@@ -375,7 +383,7 @@ fn an_open_chain_stops_everything_until_a_reset() {
             operator.waits("a closed chain", |status| {
                 status.switches & switches::CHAIN_OPEN == 0
             });
-            assert_eq!(operator.ask(&command("ON")).alarm, 910);
+            assert_eq!(operator.request(&command("ON")).alarm, 910);
             operator.says("CLEAR_ALARMS");
             operator.brings_up();
             operator.says_number("MODE", 2);
@@ -399,17 +407,21 @@ fn outputs_are_set_by_hand_where_permitted() {
         operator.waits("a closed chain", |status| {
             status.switches & switches::CHAIN_OPEN == 0
         });
-        assert_eq!(operator.ask(&set("lamp", 1.0)).alarm, 910, "in emergency stop");
+        assert_eq!(
+            operator.request(&set("lamp", 1.0)).alarm,
+            910,
+            "in emergency stop"
+        );
         operator.brings_up();
-        for (name, value, alarm, said) in [
+        for (name, value, alarm, expected) in [
             ("door", 1.0, 929, "it has clamp, lamp, laser"),
             ("lamp", 0.5, 902, "0 (off) or 1 (on), not 0.5"),
             ("laser", 10.5, 902, "takes 0 to 10, not 10.5"),
             ("laser", f64::NAN, 902, "not finite"),
         ] {
-            let answer = operator.ask(&set(name, value));
+            let answer = operator.request(&set(name, value));
             assert_eq!(answer.alarm, alarm, "{}", answer.text());
-            assert!(answer.text().contains(said), "{}", answer.text());
+            assert!(answer.text().contains(expected), "{}", answer.text());
         }
         shop.ctl(&["set", "lamp", "on"]).expect_code(&[0]);
         shop.ctl(&["set", "laser", "4.5"]).expect_code(&[0]);
@@ -437,7 +449,7 @@ fn outputs_are_set_by_hand_where_permitted() {
         });
         operator.says("JOG_STOP");
         operator.sees_end(job);
-        let from = bridge.heard().len();
+        let from = bridge.received().len();
         assert!(is_turning(&bridge.waits("outputs behind it", from + 1, |_| true)));
         let mut jog = ControlRequest {
             axes_mask: 1,
@@ -451,16 +463,16 @@ fn outputs_are_set_by_hand_where_permitted() {
         shop.loads(&mut operator, "G21 F3000\nG1 X5\nM2\n");
         let job = operator.says("START").job;
         assert_eq!(operator.sees_end(job).job_result, DONE);
-        let last = bridge.heard().pop().expect("outputs");
+        let last = bridge.received().pop().expect("outputs");
         assert_eq!((last.digital & 2, last.analog[3]), (2, 4.5));
         // An emergency stop makes all of them safe, and they stay safe.
-        let from = bridge.heard().len();
+        let from = bridge.received().len();
         operator.says("ESTOP");
         bridge.waits("safe outputs", from, |message| {
             message.digital & 3 == 1 && message.analog[3] == 0.0
         });
         operator.brings_up();
-        let from = bridge.heard().len();
+        let from = bridge.received().len();
         let after = bridge.waits("outputs after it", from, |_| true);
         assert_eq!((after.digital & 3, after.analog[3]), (1, 0.0));
         let refused = shop.ctl(&["set", "lamp", "perhaps"]).expect_code(&[2]);

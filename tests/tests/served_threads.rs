@@ -118,13 +118,13 @@ fn taps_and_threads_ignore_the_spindle_override() {
             assert!(begin.elapsed() < PATIENCE, "{exact} rpm do not come");
             std::thread::sleep(Duration::from_millis(2));
         }
-        let most = listener
+        let max_rpm = listener
             .messages()
             .iter()
             .map(speed)
             .skip_while(|rpm| *rpm != 450.0)
             .fold(0.0, f64::max);
-        assert!(most <= 450.0, "{most} rpm");
+        assert!(max_rpm <= 450.0, "{max_rpm} rpm");
         served.end().expect_code(&[0, 1, 3]);
     });
 }

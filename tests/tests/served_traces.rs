@@ -249,7 +249,7 @@ fn every_job_is_recomputed_and_one_wrong_bit_is_found() {
             assert!(
                 verified
                     .max_path_error_mm
-                    .is_some_and(|most| most > 0.0 && most <= 0.021)
+                    .is_some_and(|max| max > 0.0 && max <= 0.021)
             );
             // During homing, a jog, MDI and the program.
             let all: Vec<CycleRecord> = file.cycles().map(|cycle| cycle.expect("a cycle")).collect();
@@ -275,14 +275,14 @@ fn every_job_is_recomputed_and_one_wrong_bit_is_found() {
                 );
             }
             // A point at which the machine was at rest.
-            let stood = all
+            let at_rest = all
                 .iter()
                 .rev()
                 .find(|cycle| cycle.inputs & (inputs::STEERS | inputs::FOLLOWS | inputs::RELOCATED) == 0)
                 .expect("a cycle at rest")
                 .sequence;
             let copy = altered(&trace, "moved", |cycle| {
-                if cycle.sequence == stood {
+                if cycle.sequence == at_rest {
                     cycle.position[1] += 1e-9;
                 }
             });
@@ -380,7 +380,7 @@ fn switches_during_a_program_recompute_by_line() {
                 operator.now();
             } else {
                 // It may continue on its own, if single step was switched off.
-                operator.ask(&command("RESUME"));
+                operator.request(&command("RESUME"));
                 std::thread::sleep(Duration::from_millis(5));
             }
         }
@@ -443,7 +443,7 @@ fn a_block_after_thousands_of_parameters_is_recorded() {
         // Rejected at once, as after few parameters.
         let mut beyond = command("MDI");
         assert!(beyond.set_text("G0 X[-#4500 * 100]"));
-        let answer = operator.ask(&beyond);
+        let answer = operator.request(&beyond);
         assert_eq!((answer.verdict, answer.alarm), (1, 919), "{}", answer.text());
         drop(operator);
         served.end().expect_code(&[0, 3]);

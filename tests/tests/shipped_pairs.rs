@@ -73,7 +73,8 @@ fn starts(name: &str, bridge: &[String], machine: &Path, workshop: &Workshop, ho
     operator.says("ON");
     if !homed_at.is_empty() {
         operator.waits("machine zero of the drives", |status| {
-            let near = |(axis, place): &(usize, f64)| (status.position_actual[*axis] - place).abs() < 0.05;
+            let near =
+                |(axis, position): &(usize, f64)| (status.position_actual[*axis] - position).abs() < 0.05;
             homed_at.iter().all(near)
         });
         operator.says("OFF");

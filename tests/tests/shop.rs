@@ -113,7 +113,7 @@ pub(crate) fn jogs(operator: &mut Operator, axis: usize, distance: f64) {
     operator.waits("the end of the jog", |status| {
         (status.position_machine[axis] - goal).abs() < 1e-9 && status.velocity[axis] == 0.0
     });
-    // The way back is known after the cycle has reported the end of the jog.
+    // The return path is known after the cycle has reported the end of the jog.
     operator.waits("the way back", |status| {
         status.away_parts > 0 || status.operator_message().contains("`resume`")
     });

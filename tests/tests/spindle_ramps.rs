@@ -181,11 +181,11 @@ fn runs_down(messages: &[MachineOutputs], found: &[Cycle], rate_rpm_s: f64, from
         .iter()
         .position(|cycle| cycle.state == state)
         .expect("an end");
-    let place = found[begins].position;
+    let position = found[begins].position;
     for cycle in &found[begins..] {
         assert_eq!(
             (cycle.state, cycle.position),
-            (state, place),
+            (state, position),
             "{}",
             cycle.sequence
         );
@@ -261,8 +261,8 @@ fn the_status_shows_the_command_on_its_ramp() {
             std::thread::sleep(Duration::from_millis(20));
         }
         wait(running).expect_code(&[0, 3]);
-        let on_the_way = shown.iter().filter(|rpm| (-390.0..-10.0).contains(*rpm)).count();
-        assert!(on_the_way > 5 && shown.last() == Some(&-400.0), "{shown:?}");
+        let on_ramp = shown.iter().filter(|rpm| (-390.0..-10.0).contains(*rpm)).count();
+        assert!(on_ramp > 5 && shown.last() == Some(&-400.0), "{shown:?}");
         assert_eq!(listener.messages().last().map(signed_rpm), Some(0.0));
     });
 }
@@ -287,13 +287,13 @@ fn a_signal_ends_a_run_after_its_ramp() {
             if is_repeated {
                 std::thread::sleep(Duration::from_millis(700));
                 signal(&running, Signal::INT);
-                let asked = Instant::now();
+                let signalled = Instant::now();
                 let finished = wait(running);
                 assert_ne!(finished.code, Some(0));
                 assert!(
-                    asked.elapsed() < Duration::from_millis(600),
+                    signalled.elapsed() < Duration::from_millis(600),
                     "{:?}",
-                    asked.elapsed()
+                    signalled.elapsed()
                 );
                 let last = listener.messages().last().map(signed_rpm);
                 assert!(

@@ -66,31 +66,31 @@ fn feed_waits_for_each_speed_and_rapids_do_not() {
         let (finished, trace) = drive(&workshop, program, 20.0, &["--spindle-acceleration", "1500"]);
         finished.expect_code(&[0, 3]);
         let cycles = cycles(&trace);
-        let told = spindle(&trace);
+        let commands = spindle(&trace);
         // At speed twice, each time before the feed that needs it, and after the rapid.
-        let at_speed: Vec<u64> = (told.iter())
+        let at_speed: Vec<u64> = (commands.iter())
             .filter(|(_, text)| text == "spindle 0 at speed")
             .map(|(sequence, _)| *sequence)
             .collect();
         let begins = |x: f64| first(&cycles, |cycle| cycle.position[0] > x);
         let reaches = |x: f64| first(&cycles, |cycle| cycle.position[0] > x - 1e-9);
         let [rapid, feed, faster] = [begins(0.0), begins(5.0), begins(15.0)];
-        assert!(rapid < feed, "{told:?}");
+        assert!(rapid < feed, "{commands:?}");
         let before = |limit: u64| at_speed.iter().filter(|sequence| **sequence < limit).max();
         assert!(
             before(feed).is_some_and(|sequence| *sequence > reaches(5.0)),
-            "{told:?}"
+            "{commands:?}"
         );
         assert!(
             before(faster).is_some_and(|sequence| *sequence > reaches(15.0)),
-            "{told:?}"
+            "{commands:?}"
         );
         // 1000 rpm at 1500 rpm/s minus 2 %, then the same once more: the minimum time for which the machine
         // waits.
         let due_s = |sequence: u64| cycles[sequence as usize].due_time_ns as f64 * 1e-9;
-        let stands = |at: f64, until: u64| due_s(until) - due_s(reaches(at));
+        let waits_s = |at: f64, until: u64| due_s(until) - due_s(reaches(at));
         let ramp_s = 0.98 * 1000.0 / 1500.0;
-        assert!(stands(15.0, faster) >= 0.9 * ramp_s, "{}", stands(15.0, faster));
+        assert!(waits_s(15.0, faster) >= 0.9 * ramp_s, "{}", waits_s(15.0, faster));
         verifies(&trace);
     });
 }
@@ -101,10 +101,13 @@ fn a_slow_spindle_ends_the_program_before_the_feed() {
         let workshop = Workshop::new();
         let program = "G21 G90 G94 F1200\nM4 S1000\nG0 X5\nG1 X10\nM2\n";
         let (finished, trace) = drive(&workshop, program, 1.5, &["--fault", "spindle-slow@0"]);
-        let said = finished.out.clone() + &finished.err;
+        let printed = finished.out.clone() + &finished.err;
         finished.expect_code(&[1]);
-        assert!(said.contains("program.ngc:4"), "{said}");
-        assert!(said.contains("did not reach -1000 rpm within 1.5 s"), "{said}");
+        assert!(printed.contains("program.ngc:4"), "{printed}");
+        assert!(
+            printed.contains("did not reach -1000 rpm within 1.5 s"),
+            "{printed}"
+        );
         assert!(cycles(&trace).iter().all(|cycle| cycle.position[0] < 5.0 + 1e-9));
         verifies(&trace);
     });
@@ -140,22 +143,22 @@ fn an_angle_is_waited_for_before_the_program_goes_on() {
         let program = "G21 G90 G94 F1200\nM3 S600\nG1 X5\nM19 R90 P1\nG0 X10\nM5\nM2\n";
         let (finished, trace) = drive(&workshop, program, 20.0, &[]);
         finished.expect_code(&[0, 3]);
-        let told = spindle(&trace);
-        let oriented = told.iter().find(|(_, text)| text == "spindle 0 oriented");
+        let commands = spindle(&trace);
+        let oriented = commands.iter().find(|(_, text)| text == "spindle 0 oriented");
         let oriented = oriented.expect("an angle").0;
         let cycles = cycles(&trace);
         assert!(
             oriented < first(&cycles, |cycle| cycle.position[0] > 5.0 + 1e-9),
-            "{told:?}"
+            "{commands:?}"
         );
         verifies(&trace);
         let program = "G21 G90\nM3 S600\nG4 P3\nM19 R90 Q1.5\nG0 X10\nM2\n";
         let (finished, _) = drive(&workshop, program, 20.0, &["--spindle-acceleration", "100"]);
-        let said = finished.out.clone() + &finished.err;
+        let printed = finished.out.clone() + &finished.err;
         finished.expect_code(&[1]);
         assert!(
-            said.contains("program.ngc:4") && said.contains("90 degrees after 1.5 s"),
-            "{said}"
+            printed.contains("program.ngc:4") && printed.contains("90 degrees after 1.5 s"),
+            "{printed}"
         );
     });
 }
@@ -166,11 +169,11 @@ fn m19_without_a_measured_spindle_is_rejected() {
     let machine = workshop.mill("plain", &[]);
     let program = workshop.write("program.ngc", "G21 G90 G94 F1200\nM3 S600\nG1 X5\nM19 R90\nM2\n");
     let finished = Launch::in_virtual_time(&program, &machine).finish();
-    let said = finished.out.clone() + &finished.err;
+    let printed = finished.out.clone() + &finished.err;
     finished.expect_code(&[1]);
     assert!(
-        said.contains("program.ngc:4") && said.contains("feedback = true"),
-        "{said}"
+        printed.contains("program.ngc:4") && printed.contains("feedback = true"),
+        "{printed}"
     );
     // With the virtual clock spindles execute commands at once.
     let measured = self::machine(&workshop, "spun", 20.0);

@@ -45,7 +45,7 @@ impl Watcher {
             move || {
                 let (mut sights, mut pending) = (Vec::new(), trouble);
                 while !stop.load(Ordering::Relaxed) {
-                    let sight = lathe.look();
+                    let sight = lathe.observe();
                     sights.push(sight);
                     if let Some((trouble, _)) = pending.filter(|(_, z)| sight.z < *z) {
                         lathe.trouble(trouble);
@@ -87,13 +87,13 @@ static TURN: RwLock<()> = RwLock::new(());
 
 /// As in docs/ethercat.md: power, on which the drives home; off and on again; HOME takes over their
 /// positions; jogs from the switches into the travel.
-fn homes_by_drives(operator: &mut Operator, places: [f64; 2]) {
+fn homes_by_drives(operator: &mut Operator, positions: [f64; 2]) {
     const AXES: [usize; 2] = [0, 2];
     operator.says("ESTOP_RESET");
     operator.says("ON");
     operator.waits("machine zero of the drives", |status| {
-        let near = |(axis, place): (usize, f64)| (status.position_actual[axis] - place).abs() < 0.05;
-        AXES.into_iter().zip(places).all(near)
+        let near = |(axis, position): (usize, f64)| (status.position_actual[axis] - position).abs() < 0.05;
+        AXES.into_iter().zip(positions).all(near)
     });
     operator.says("OFF");
     operator.says("ON");
@@ -149,10 +149,10 @@ fn cut(
     let mut operator = Operator::join(NAME, &domain);
     let bridge = HardwareBridge::start(&lathe.bridge(workshop), &machine, &domain);
     operator.waits("drives", |status| status.feedback_age_ns < 100_000_000);
-    if let Some(places) = lathe.homed_at() {
-        homes_by_drives(&mut operator, places);
+    if let Some(positions) = lathe.homed_at() {
+        homes_by_drives(&mut operator, positions);
         std::thread::sleep(Duration::from_millis(200));
-        lathe.stands_at(operator.now().position_actual[2]);
+        lathe.set_z(operator.now().position_actual[2]);
     } else {
         operator.brings_up();
     }
@@ -220,7 +220,7 @@ impl Pauses {
 
 /// Phase error of each pass away from a start, mm: the median, the 99th percentile and the maximum of the
 /// observations without pauses, and the number of observations. A pass begins at `start` with a whole turn.
-fn passes(cut: &Cut, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Vec<([f64; 3], usize)> {
+fn passes(cut: &Cut, pitch: f64, start: f64, z_range: std::ops::Range<f64>) -> Vec<([f64; 3], usize)> {
     let pauses = Pauses::of(cut);
     let mut passes: Vec<Vec<f64>> = Vec::new();
     let mut last_ns = 0;
@@ -232,7 +232,7 @@ fn passes(cut: &Cut, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Ve
             (here.turns - before.turns) / seconds,
         );
         // A rapid does not have the speed of a pass with this spindle speed.
-        if !places.contains(&here.z) || v >= -1.0 || (v.abs() / (speed.abs() * pitch) - 1.0).abs() > 0.3 {
+        if !z_range.contains(&here.z) || v >= -1.0 || (v.abs() / (speed.abs() * pitch) - 1.0).abs() > 0.3 {
             continue;
         }
         if here.time_ns > last_ns + 50_000_000 {
@@ -249,14 +249,17 @@ fn passes(cut: &Cut, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Ve
         .filter(|pass| pass.len() > 30)
         .map(|mut pass| {
             pass.sort_unstable_by(|a, b| a.abs().total_cmp(&b.abs()));
-            ([0.5, 0.99, 1.0].map(|share| quantile(&pass, share)), pass.len())
+            (
+                [0.5, 0.99, 1.0].map(|fraction| quantile(&pass, fraction)),
+                pass.len(),
+            )
         })
         .collect()
 }
 
 /// A quantile of errors sorted by size.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    sorted[((sorted.len() - 1) as f64 * share) as usize].abs()
+fn quantile(sorted: &[f64], fraction: f64) -> f64 {
+    sorted[((sorted.len() - 1) as f64 * fraction) as usize].abs()
 }
 
 /// 2 um, a count of the encoder and a step of the carriage, mm.
@@ -268,14 +271,14 @@ fn phase_bound(pitch: f64, lathe: &dyn Lathe) -> f64 {
 /// the host pauses in each. A single attempt proves nothing.
 struct ConstantError {
     /// The minimum over the attempts, relative to the bound.
-    least: Cell<f64>,
+    min_ratio: Cell<f64>,
     attempts: Cell<u32>,
 }
 
 impl ConstantError {
     const fn new() -> Self {
         Self {
-            least: Cell::new(f64::INFINITY),
+            min_ratio: Cell::new(f64::INFINITY),
             attempts: Cell::new(0),
         }
     }
@@ -284,28 +287,32 @@ impl ConstantError {
     /// pass.
     fn add(&self, errors: impl IntoIterator<Item = [f64; 3]>, bound: f64) {
         // An attempt without measurements proves nothing.
-        let Some(best) = errors.into_iter().map(|[half, ..]| half / bound).reduce(f64::min) else {
+        let Some(best) = errors
+            .into_iter()
+            .map(|[median, ..]| median / bound)
+            .reduce(f64::min)
+        else {
             return;
         };
-        self.least.set(self.least.get().min(best));
+        self.min_ratio.set(self.min_ratio.get().min(best));
         self.attempts.set(self.attempts.get() + 1);
     }
 
     fn assert_none(&self) {
-        let (least, attempts) = (self.least.get(), self.attempts.get());
+        let (min_ratio, attempts) = (self.min_ratio.get(), self.attempts.get());
         assert!(
-            attempts < 2 || least <= 1.0,
-            "half of the looks are off by {least} times the bound in all of {attempts} attempts"
+            attempts < 2 || min_ratio <= 1.0,
+            "half of the observations are off by {min_ratio} times the bound in all of {attempts} attempts"
         );
     }
 }
 
 /// Within the bound, and within twice the bound for one observation in a hundred.
-fn assert_in_phase(what: &str, [half, most, all]: [f64; 3], pitch: f64, lathe: &dyn Lathe) {
+fn assert_in_phase(what: &str, [median, p99, max]: [f64; 3], pitch: f64, lathe: &dyn Lathe) {
     let bound = phase_bound(pitch, lathe);
     assert!(
-        most <= bound && all <= 2.0 * bound,
-        "{what}: {half}, {most}, {all} mm of {bound} mm"
+        p99 <= bound && max <= 2.0 * bound,
+        "{what}: {median}, {p99}, {max} mm of {bound} mm"
     );
 }
 
@@ -321,7 +328,7 @@ fn threads_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
             let cut = cut(&lathe, &workshop, &program, SHORT_LEAD, None);
             cut.is_done();
             let passes = passes(&cut, pitch, 5.0, -17.0..2.0);
-            println!("{rpm} rpm, {pitch} mm: error of half, 99 % and all looks, mm: {passes:?}");
+            println!("{rpm} rpm, {pitch} mm: median, 99 % and maximum error, mm: {passes:?}");
             constant.add(
                 passes.iter().map(|(errors, _)| *errors),
                 phase_bound(pitch, &*lathe),
@@ -352,25 +359,25 @@ fn taps_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
             // The bridge receives the reversal with its setpoint, and acts within a few milliseconds: 8 turns
             // per second.
             assert!((deepest + 10.0).abs() < 0.15, "{code}: {deepest}");
-            let (mut errors, mut ways) = (Vec::new(), [0, 0]);
+            let (mut errors, mut counts) = (Vec::new(), [0, 0]);
             for pair in sights.windows(2) {
                 let [before, here] = [pair[0], pair[1]];
                 let (dz, turned) = (here.z - before.z, here.turns - before.turns);
                 // Where both run evenly.
                 let is_even = turned.abs() > 1e-3 && (dz / -turned - 1.0).abs() < 0.2;
                 if is_even && (-7.0..3.0).contains(&here.z) && !pauses.contain(here.time_ns) {
-                    ways[usize::from(dz > 0.0)] += 1;
+                    counts[usize::from(dz > 0.0)] += 1;
                     let off = here.turns - (5.0 - here.z);
                     errors.push(off - off.round());
                 }
             }
             errors.sort_unstable_by(|a, b| a.abs().total_cmp(&b.abs()));
-            let found = [0.5, 0.99, 1.0].map(|share| quantile(&errors, share));
-            println!("{code}: {deepest} mm deep, errors {found:?} mm, looks in and out {ways:?}");
-            assert!(ways.iter().all(|looks| *looks > 100), "{ways:?}");
+            let found = [0.5, 0.99, 1.0].map(|fraction| quantile(&errors, fraction));
+            println!("{code}: {deepest} mm deep, errors {found:?} mm, observations in and out {counts:?}");
+            assert!(counts.iter().all(|count| *count > 100), "{counts:?}");
             constant.add([found], phase_bound(1.0, &*lathe));
             assert_in_phase(code, found, 1.0, &*lathe);
-            assert!(sights.last().expect("looks").z > 4.9, "out of the hole");
+            assert!(sights.last().expect("observations").z > 4.9, "out of the hole");
             verifies(&trace);
         });
         constant.assert_none();
@@ -446,11 +453,11 @@ fn troubles_end_the_pass(lathe: impl Fn() -> Arc<dyn Lathe>, troubles: &[Trouble
             assert_ne!(status.job_result, DONE, "{trouble:?}");
             let alarms = status.listed_alarms();
             // The bridge that has lost its board reports the axes first.
-            let is_told = alarms.contains(&SPINDLE_ALARM)
+            let is_reported = alarms.contains(&SPINDLE_ALARM)
                 || sentence.contains("spindle")
                 || trouble == Trouble::LinkLost && !alarms.is_empty();
-            assert!(is_told, "{trouble:?}: {alarms:?} {sentence}");
-            let end = sights.last().expect("looks");
+            assert!(is_reported, "{trouble:?}: {alarms:?} {sentence}");
+            let end = sights.last().expect("observations");
             assert!(end.z > -40.0 && end.z < 5.0, "{trouble:?}: {end:?}");
             let rest = sights
                 .iter()
@@ -548,7 +555,7 @@ fn the_shipped_ethercat_lathe_homes_and_threads() {
             let cut = cut(&lathe, &workshop, program, SHORT_LEAD, None);
             cut.is_done();
             let passes = passes(&cut, 1.5, 55.0, 33.0..52.0);
-            println!("error of half, 99 % and all looks, mm: {passes:?}");
+            println!("median, 99 % and maximum error, mm: {passes:?}");
             constant.add(
                 passes.iter().map(|(errors, _)| *errors),
                 phase_bound(1.5, &*lathe),

@@ -103,7 +103,7 @@ fn surface_speed_follows_the_radius_of_each_setpoint() {
 
 /// The feed per revolution with the last speed in the trace, at every setpoint of a motion along X.
 fn feeds_per_turn(trace: &Path, cycles: &[Cycle], from_x: f64, to_x: f64) -> Vec<(f64, f64)> {
-    let told: Vec<(u64, f64)> = (inputs(trace, SPEED).iter())
+    let speeds: Vec<(u64, f64)> = (inputs(trace, SPEED).iter())
         .filter_map(|(sequence, text)| {
             let words: Vec<&str> = text.split(' ').collect();
             Some((*sequence, words.get(2)?.parse().ok()?))
@@ -112,7 +112,7 @@ fn feeds_per_turn(trace: &Path, cycles: &[Cycle], from_x: f64, to_x: f64) -> Vec
     (cycles.iter())
         .filter(|cycle| (from_x..to_x).contains(&cycle.position[0]))
         .filter_map(|cycle| {
-            let newest = told
+            let newest = speeds
                 .iter()
                 .rev()
                 .find(|(sequence, _)| *sequence <= cycle.sequence)?;

@@ -34,8 +34,8 @@ fn units_are_rated_as_safe_by_systemd() {
             println!("not measured: no systemd-analyze (apt-get install systemd)");
             return;
         };
-        let said = String::from_utf8_lossy(&analyzed.stdout).into_owned();
-        let rating = said.lines().last().unwrap_or_default();
+        let report = String::from_utf8_lossy(&analyzed.stdout).into_owned();
+        let rating = report.lines().last().unwrap_or_default();
         assert!(analyzed.status.success(), "{}: {rating}", unit.display());
     }
 }

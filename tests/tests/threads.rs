@@ -124,15 +124,15 @@ fn a_tap_returns_to_its_start_in_depth_and_angle() {
 
 #[test]
 fn a_spindle_failure_in_a_pass_ends_it_at_rest() {
-    for (fault, told) in [("spindle-silent", "spindle"), ("spindle-stall", "program.ngc:4")] {
+    for (fault, expected) in [("spindle-silent", "spindle"), ("spindle-stall", "program.ngc:4")] {
         unless_disturbed(|| {
             let workshop = Workshop::new();
             let program = "G21 G18 G90 G8\nS300 M3\nG0 X15 Z5\nG33 Z-60 K1\nG0 X20\nM5\nM2\n";
             let fault = format!("{fault}@5");
             let (finished, trace) = drive(&workshop, program, &["--fault", &fault]);
-            let said = finished.out.clone() + &finished.err;
+            let printed = finished.out.clone() + &finished.err;
             finished.expect_code(&[1]);
-            assert!(said.contains(told), "{fault}: {said}");
+            assert!(printed.contains(expected), "{fault}: {printed}");
             let all = cycles(&trace);
             let last = all.last().expect("cycles");
             assert!(
@@ -214,7 +214,7 @@ fn a_hold_in_a_pass_acts_after_it() {
 fn impossible_threads_are_rejected_before_motion() {
     let workshop = Workshop::new();
     let machine = lathe(&workshop);
-    let refused = |text: &str, told: &[&str]| {
+    let refused = |text: &str, expected: &[&str]| {
         let program = workshop.write("program.ngc", text);
         let check = evolvent()
             .arg("check")
@@ -224,18 +224,18 @@ fn impossible_threads_are_rejected_before_motion() {
             .output()
             .expect("the binary to start");
         let finished = Finished::from(check);
-        let said = finished.out.clone() + &finished.err;
+        let printed = finished.out.clone() + &finished.err;
         finished.expect_code(&[1]);
-        for told in told {
-            assert!(said.contains(told), "{told}: {said}");
+        for expected in expected {
+            assert!(printed.contains(expected), "{expected}: {printed}");
         }
         let run = Launch::in_virtual_time(&program, &machine)
             .with(&["--unchecked"])
             .finish();
-        let said = run.out.clone() + &run.err;
+        let printed = run.out.clone() + &run.err;
         run.expect_code(&[1]);
-        for told in told {
-            assert!(said.contains(told), "{told}: {said}");
+        for expected in expected {
+            assert!(printed.contains(expected), "{expected}: {printed}");
         }
     };
     refused(
@@ -253,11 +253,11 @@ fn impossible_threads_are_rejected_before_motion() {
     let program = workshop.write("program.ngc", "G21 G18 G90\nS300 M3\nG33 Z-2 K1\nM2\n");
     let plain = workshop.lathe("plain", &SPINDLE.replace("feedback = true\n", ""));
     let run = Launch::in_virtual_time(&program, &plain).finish();
-    let said = run.out.clone() + &run.err;
+    let printed = run.out.clone() + &run.err;
     run.expect_code(&[1]);
     assert!(
-        said.contains("program.ngc:3") && said.contains("feedback = true"),
-        "{said}"
+        printed.contains("program.ngc:3") && printed.contains("feedback = true"),
+        "{printed}"
     );
 }
 

@@ -240,14 +240,14 @@ fn a_power_cut_in_a_change_leaves_the_tool_unknown() {
         let program = shop.workshop.write("plain.ngc", "G21 F1000\nG1 X1\nM2\n");
         operator.says_number("MODE", 0);
         operator.says_text("LOAD", program.to_str().expect("UTF-8"));
-        let refused = operator.ask(&command("START"));
+        let refused = operator.request(&command("START"));
         assert_eq!(refused.alarm, TOOL_UNKNOWN, "{}", refused.text());
         assert!(refused.text().contains("M61"), "{}", refused.text());
         // Moves are possible, to clear the changer; a change is not.
         operator.says_number("MODE", 2);
         let job = operator.does(&mdi("G0 X3")).job;
         assert_eq!(operator.sees_end(job).job_result, DONE);
-        let refused = operator.ask(&mdi("T3 M6"));
+        let refused = operator.request(&mdi("T3 M6"));
         assert_eq!(refused.alarm, BAD_PROGRAM, "{}", refused.text());
         assert!(
             refused.text().contains("the tool in the spindle is unknown"),
@@ -295,7 +295,7 @@ fn stops_and_failures_in_a_change_lose_the_tool() {
             status.alarm_sentence()
         );
         operator.says("CLEAR_ALARMS");
-        assert_eq!(operator.ask(&command("START")).alarm, TOOL_UNKNOWN);
+        assert_eq!(operator.request(&command("START")).alarm, TOOL_UNKNOWN);
         operator.waits("the unknown tool", |status| {
             status.switches & switches::TOOL_UNKNOWN != 0
         });
@@ -321,14 +321,14 @@ fn stops_and_failures_in_a_change_lose_the_tool() {
         operator.waits("the alarm", |status| status.alarms.contains(&CHANGE_BROKEN_OFF));
         operator.says("CLEAR_ALARMS");
         operator.brings_up();
-        assert_eq!(operator.ask(&command("START")).alarm, TOOL_UNKNOWN);
+        assert_eq!(operator.request(&command("START")).alarm, TOOL_UNKNOWN);
         names_tool(&mut operator, 2);
         // A tool that is not in the table is found before anything moves.
         let program = shop.workshop.write("unknown.ngc", "G21\nT77 M6\nM2\n");
         operator.says_number("MODE", 0);
         let mut load = command("LOAD");
         assert!(load.set_text(program.to_str().expect("UTF-8")));
-        let refused = operator.ask(&load);
+        let refused = operator.request(&load);
         assert_eq!(refused.alarm, BAD_PROGRAM, "{}", refused.text());
         assert!(refused.text().contains("tool 77"), "{}", refused.text());
         assert!(!shop.is_marked());

@@ -27,7 +27,7 @@ fn mill(workshop: &Workshop, name: &str, program: &str) -> PathBuf {
 }
 
 #[track_caller]
-fn stands_at(operator: &mut Operator, line: u32) -> Status {
+fn waits_at_line(operator: &mut Operator, line: u32) -> Status {
     operator.waits("a stop", |status| status.state == 7 && status.line == line)
 }
 
@@ -44,7 +44,7 @@ fn m6_waits_for_the_operator_and_names_the_tool() {
         operator.says_number("MODE", 0);
         operator.says_text("LOAD", program.to_str().expect("UTF-8"));
         let job = operator.says("START").job;
-        let status = stands_at(&mut operator, 3);
+        let status = waits_at_line(&mut operator, 3);
         assert_eq!((status.tool_change, status.tool_wanted, status.tool), (1, 4, 0));
         assert!(
             status.operator_message().contains("put tool 4 into the spindle"),
@@ -57,7 +57,7 @@ fn m6_waits_for_the_operator_and_names_the_tool() {
         assert_eq!(operator.now().line, 3);
         operator.says("RESUME");
         // The tool is in the spindle: the second M6 needs no confirmation, the third empties the spindle.
-        let status = stands_at(&mut operator, 6);
+        let status = waits_at_line(&mut operator, 6);
         assert_eq!((status.tool_change, status.tool_wanted, status.tool), (1, 0, 4));
         assert!(
             status.operator_message().contains("take tool 4 out"),
@@ -139,10 +139,10 @@ fn an_automatic_changer_is_run_and_its_failure_stops() {
             "tool_change = \"program\"\nuser_code_folder = \"codes\"",
         );
         std::fs::create_dir(workshop.path("codes")).expect("a folder");
-        let said = workshop.path("said");
+        let log = workshop.path("said");
         let script = format!(
             "#!/bin/sh\necho \"$1 $2\" >> {}\n[ \"$1\" = 8 ] && exit 5\nexit 0\n",
-            said.display()
+            log.display()
         );
         let changer = workshop.write("codes/M6", script);
         std::fs::set_permissions(&changer, PermissionsExt::from_mode(0o755)).expect("permissions");
@@ -156,7 +156,7 @@ fn an_automatic_changer_is_run_and_its_failure_stops() {
                 .finish()
         };
         let summary = run().expect_code(&[1]).json();
-        assert_eq!(std::fs::read_to_string(&said).expect("its words"), "3 0\n8 3\n");
+        assert_eq!(std::fs::read_to_string(&log).expect("its words"), "3 0\n8 3\n");
         assert_eq!(
             (&summary["alarm"], &summary["end_position"][0]),
             (&102.into(), &5.0.into())
@@ -234,9 +234,9 @@ fn at_terminal(
         println!("not run: no python3");
         return None;
     };
-    let said = String::from_utf8_lossy(&output.stdout);
+    let stdout = String::from_utf8_lossy(&output.stdout);
     let error = String::from_utf8_lossy(&output.stderr);
-    Some(serde_json::from_str(&said).unwrap_or_else(|_| panic!("{said}\n{error}")))
+    Some(serde_json::from_str(&stdout).unwrap_or_else(|_| panic!("{stdout}\n{error}")))
 }
 
 #[test]
@@ -324,15 +324,15 @@ fn outputs_change_between_two_motions() {
         let outputs = |status: &Status| (status.spindle_rpm, status.coolant);
         let status = operator.waits("the first dwell", dwell(4));
         assert_eq!(outputs(&status), (800.0, 0), "in the dwell after M3");
-        let status = stands_at(&mut operator, 6);
+        let status = waits_at_line(&mut operator, 6);
         assert_eq!(outputs(&status), (800.0, 2), "at M0 after M8");
         operator.says("RESUME");
-        let status = stands_at(&mut operator, 9);
+        let status = waits_at_line(&mut operator, 9);
         assert_eq!(outputs(&status), (0.0, 2), "at M0 after M5");
         operator.says("RESUME");
         let status = operator.waits("the second dwell", dwell(11));
         assert_eq!(outputs(&status), (0.0, 0), "in the dwell after M9");
-        let status = stands_at(&mut operator, 14);
+        let status = waits_at_line(&mut operator, 14);
         assert_eq!(outputs(&status), (-300.0, 0), "at M0 after M4");
         // A stop switches the spindle off, at rest.
         operator.says("STOP");
@@ -358,7 +358,7 @@ fn no_status_in_motion_has_the_outputs_of_before() {
         operator.says_number("MODE", 0);
         operator.says_text("LOAD", program.to_str().expect("UTF-8"));
         let job = operator.says("START").job;
-        let mut seen = 0;
+        let mut count = 0;
         operator.waits("the end", |status| {
             // Line 3 moves at 100 rpm, line 5 at 200 ...
             if status.job == job && status.feed_mm_s > 1.0 && status.line >= 3 {
@@ -368,11 +368,11 @@ fn no_status_in_motion_has_the_outputs_of_before() {
                     "line {}",
                     status.line
                 );
-                seen += 1;
+                count += 1;
             }
             status.job == job && status.job_result == DONE
         });
-        assert!(seen > 10, "{seen} looks");
+        assert!(count > 10, "{count} observations");
         drop(operator);
         scene.end();
     });
@@ -441,20 +441,20 @@ fn a_run_says_on_the_bus_what_spindle_and_coolant_do() {
             .start();
         let bus = domain.client("tc-bus");
         let mut reader = bus.status().expect("the status");
-        let mut seen: Vec<(u32, f64, u32, u32)> = Vec::new();
+        let mut changes: Vec<(u32, f64, u32, u32)> = Vec::new();
         let begin = std::time::Instant::now();
-        while begin.elapsed().as_secs() < 60 && !seen.iter().any(|(line, ..)| *line == 8) {
+        while begin.elapsed().as_secs() < 60 && !changes.iter().any(|(line, ..)| *line == 8) {
             if let Some(status) = reader.latest().expect("a status")
                 && status.state == 6
             {
                 let found = (status.line, status.spindle_rpm, status.coolant, status.tool);
-                if seen.last() != Some(&found) {
-                    seen.push(found);
+                if changes.last() != Some(&found) {
+                    changes.push(found);
                 }
             }
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
-        assert_eq!(seen, [(2, 0.0, 0, 12), (5, 400.0, 2, 12), (8, 0.0, 2, 12)]);
+        assert_eq!(changes, [(2, 0.0, 0, 12), (5, 400.0, 2, 12), (8, 0.0, 2, 12)]);
         drop((reader, bus));
         evolvent_tests::wait(child).expect_code(&[0, 3]);
     });
@@ -475,7 +475,11 @@ fn a_subroutine_tool_change_runs_in_virtual_time() {
         let machine = mill(&workshop, name, &format!("tool_table = \"tools.tbl\"\n{changer}"));
         let finished = Launch::in_virtual_time(&program, &machine).no_trace().finish();
         let finished = finished.expect_code(&[0]);
-        let told = format!("{}{}", finished.out, finished.err);
-        assert_eq!(told.contains("1 tool change (M6)"), is_noted, "{changer}: {told}");
+        let printed = format!("{}{}", finished.out, finished.err);
+        assert_eq!(
+            printed.contains("1 tool change (M6)"),
+            is_noted,
+            "{changer}: {printed}"
+        );
     }
 }

@@ -8,7 +8,7 @@ use evolvent_tests::{Scene, evolvent, python, unless_disturbed};
 use serde_json::Value;
 
 /// The output for the machine of the scene on a terminal of this size, ended by `end`.
-fn seen(scene: &Scene, rows: usize, columns: usize, end: &str) -> Option<Value> {
+fn capture(scene: &Scene, rows: usize, columns: usize, end: &str) -> Option<Value> {
     let mut watcher: Command = python("watch_screen.py")?;
     let output = watcher
         .args([&rows.to_string(), &columns.to_string(), end])
@@ -20,8 +20,8 @@ fn seen(scene: &Scene, rows: usize, columns: usize, end: &str) -> Option<Value> 
     Some(serde_json::from_slice(&output.stdout).expect("JSON"))
 }
 
-fn lines(seen: &Value) -> Vec<&str> {
-    let rows = seen["rows"].as_array().expect("rows");
+fn lines(capture: &Value) -> Vec<&str> {
+    let rows = capture["rows"].as_array().expect("rows");
     rows.iter().map(|row| row.as_str().expect("text")).collect()
 }
 
@@ -32,14 +32,18 @@ fn top_fits_the_terminal_and_restores_it() {
         let mut operator = scene.operator();
         operator.brings_up();
         for (rows, columns, end) in [(40, 120, "q"), (10, 30, "int")] {
-            let Some(seen) = seen(&scene, rows, columns, end) else {
+            let Some(capture) = capture(&scene, rows, columns, end) else {
                 return;
             };
             for what in ["second_screen", "first_screen", "modes_as_before"] {
-                assert_eq!(seen[what], true, "{what}: {seen}");
+                assert_eq!(capture[what], true, "{what}: {capture}");
             }
-            assert_eq!((&seen["code"], &seen["error"]), (&0.into(), &"".into()), "{seen}");
-            let lines = lines(&seen);
+            assert_eq!(
+                (&capture["code"], &capture["error"]),
+                (&0.into(), &"".into()),
+                "{capture}"
+            );
+            let lines = lines(&capture);
             assert!(lines[0].starts_with("on-screen  machine on"), "{lines:?}");
             assert!(lines.iter().any(|line| line.starts_with("X* ")), "{lines:?}");
             assert!(lines.len() <= rows + 1, "{lines:?}");

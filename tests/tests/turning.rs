@@ -116,9 +116,9 @@ fn a_program_without_its_load_does_not_move() {
             summary["error"].to_string().contains("no cutting load"),
             "{summary}"
         );
-        let seen = cycles(&trace);
-        let moved = seen.iter().any(|cycle| cycle.position != seen[0].position);
-        assert!(seen.len() > 1000 && !moved, "it has moved");
+        let driven = cycles(&trace);
+        let moved = driven.iter().any(|cycle| cycle.position != driven[0].position);
+        assert!(driven.len() > 1000 && !moved, "it has moved");
     });
 }
 
@@ -197,22 +197,22 @@ fn long_cut(
     disturb(&domain, &run);
     let finished = evolvent_tests::wait(run);
     let _gone = drives.kill();
-    let said = drives.wait_with_output().expect("its messages");
+    let output = drives.wait_with_output().expect("its messages");
     let summary = finished.expect_code(&[1]).json();
-    (summary, String::from_utf8_lossy(&said.stderr).into_owned())
+    (summary, String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
 #[test]
 fn a_drive_that_fails_ends_the_run_that_cuts_with_it() {
     unless_disturbed(|| {
-        let (summary, said) = long_cut("turn-fault", &["--fault", "fault@8+0.5:Z"], |_, _| {});
+        let (summary, messages) = long_cut("turn-fault", &["--fault", "fault@8+0.5:Z"], |_, _| {});
         assert_eq!(summary["alarm"], 406, "{summary}");
         let error = summary["error"].to_string();
         assert!(error.contains("the drive of axis Z is in fault"), "{error}");
         assert!(error.contains("so the run was ended"), "{error}");
         assert!(
-            said.contains("no longer follow: the drive of Z is in fault"),
-            "{said}"
+            messages.contains("no longer follow: the drive of Z is in fault"),
+            "{messages}"
         );
         assert_eq!(summary["turning"]["done"], 0, "{summary}");
     });
@@ -224,7 +224,7 @@ fn a_drive_that_fails_ends_the_run_that_cuts_with_it() {
 fn drives_stopped_during_a_suspension_end_the_run() {
     unless_disturbed(|| {
         let name = "turn-silent";
-        let (summary, said) = long_cut(name, &[], |domain, run| {
+        let (summary, messages) = long_cut(name, &[], |domain, run| {
             let mut setpoints = domain.client(name).setpoints().expect("setpoints");
             let begin = Instant::now();
             // During the cut.
@@ -251,8 +251,8 @@ fn drives_stopped_during_a_suspension_end_the_run() {
             "{error}"
         );
         assert!(
-            said.contains("no longer follow: no usable setpoints arrived for 100 periods"),
-            "{said}"
+            messages.contains("no longer follow: no usable setpoints arrived for 100 periods"),
+            "{messages}"
         );
     });
 }
@@ -326,9 +326,9 @@ impl AdaptiveRun {
     fn finish(self) -> (Finished, Vec<Cycle>, Workshop) {
         let finished = evolvent_tests::wait(self.child);
         drop(self.drives);
-        let seen = cycles(&self.workshop.path("adaptive.mcap"));
+        let driven = cycles(&self.workshop.path("adaptive.mcap"));
         drop(self.domain);
-        (finished, seen, self.workshop)
+        (finished, driven, self.workshop)
     }
 }
 
@@ -338,27 +338,27 @@ fn feed(cycle: &Cycle) -> f64 {
 }
 
 /// The first cycle at rest after the last reading of the load, and the seconds between the two.
-fn stands_after_the_last_reading(seen: &[Cycle]) -> (usize, f64) {
-    let last = seen
+fn stop_after_last_reading(driven: &[Cycle]) -> (usize, f64) {
+    let last = driven
         .iter()
         .rposition(|cycle| cycle.inputs & LOAD_CAME != 0)
         .expect("readings");
-    let behind = seen[last..].iter().position(|cycle| feed(cycle) == 0.0);
-    let stands = last + behind.expect("it stands");
-    let after_s = (seen[stands].due_time_ns - seen[last].due_time_ns) as f64 * 1e-9;
-    (stands, after_s)
+    let cycles_to_stop = driven[last..].iter().position(|cycle| feed(cycle) == 0.0);
+    let stop = last + cycles_to_stop.expect("a stop");
+    let after_s = (driven[stop].due_time_ns - driven[last].due_time_ns) as f64 * 1e-9;
+    (stop, after_s)
 }
 
 #[test]
 fn adaptive_feed_holds_the_measured_load() {
     unless_disturbed(|| {
         let scene = AdaptiveRun::start("adapt-real");
-        let (finished, seen, _workshop) = scene.finish();
+        let (finished, driven, _workshop) = scene.finish();
         let summary = finished.expect_code(&[0, 3]).json();
         assert_eq!(summary["outcome"], "done", "{summary}");
         // From 4 to 9 mm after the face 1.3 to 2.2 mm are cut: the factor that holds the load is within its
         // limits.
-        let cut: Vec<&Cycle> = seen
+        let cut: Vec<&Cycle> = driven
             .iter()
             .filter(|cycle| {
                 (291.0..296.0).contains(&cycle.position[2]) && feed(cycle) > 0.0 && feed(cycle) < 2.0
@@ -374,7 +374,7 @@ fn adaptive_feed_holds_the_measured_load() {
         let last = cut.last().expect("cycles");
         assert!(feed(last) < 0.22, "{}", feed(last));
         let mut above = 0.0;
-        for pair in seen.windows(2) {
+        for pair in driven.windows(2) {
             let [before, cycle] = pair else { continue };
             let step_s = (cycle.due_time_ns - before.due_time_ns) as f64 * 1e-9;
             above = if cycle.load > 1.3 * SET {
@@ -397,16 +397,16 @@ fn adaptive_feed_stops_soon_after_the_last_reading() {
         let mut scene = AdaptiveRun::start(name);
         scene.waits_for_z(name, 296.0);
         scene.drives = None;
-        let (finished, seen, _workshop) = scene.finish();
+        let (finished, driven, _workshop) = scene.finish();
         let summary = finished.expect_code(&[1]).json();
         assert_eq!(summary["alarm"], 501, "{summary}");
-        let (stands, after_s) = stands_after_the_last_reading(&seen);
+        let (stop, after_s) = stop_after_last_reading(&driven);
         assert!(after_s <= TURN_S, "{after_s} s after the last reading");
         assert!(
-            seen[stands..].iter().all(|cycle| feed(cycle) == 0.0),
+            driven[stop..].iter().all(|cycle| feed(cycle) == 0.0),
             "it moves again"
         );
-        assert!(seen[stands].position[2] > 290.5, "in the middle of the cut");
+        assert!(driven[stop].position[2] > 290.5, "in the middle of the cut");
     });
 }
 
@@ -466,25 +466,25 @@ impl ServedLathe {
     }
 
     /// Waits until the tip is well past the start of the job along this axis, where it cuts.
-    fn waits_for_cut(&mut self, axis: usize, place_mm: f64) {
+    fn waits_for_cut(&mut self, axis: usize, position_mm: f64) {
         self.operator
-            .waits("a cut", |status| status.position_machine[axis] < place_mm);
+            .waits("a cut", |status| status.position_machine[axis] < position_mm);
     }
 
     /// Holds it while it cuts, up to 2.5 mm past this position. A busy host may deliver the command after the
     /// pass: then the next pass is held.
-    fn holds_in_the_cut(&mut self, axis: usize, place_mm: f64) -> Status {
+    fn holds_in_the_cut(&mut self, axis: usize, position_mm: f64) -> Status {
         let held = (0..3).find_map(|_| {
-            self.waits_for_cut(axis, place_mm);
+            self.waits_for_cut(axis, position_mm);
             self.ctl(&["hold"]);
             let held = self
                 .operator
                 .waits("rest in a hold", |status| status.state == HELD);
-            if (place_mm - 2.5..place_mm).contains(&held.position_machine[axis]) {
+            if (position_mm - 2.5..position_mm).contains(&held.position_machine[axis]) {
                 return Some(held);
             }
             self.ctl(&["resume"]);
-            let is_before = |status: &Status| status.position_machine[axis] > place_mm;
+            let is_before = |status: &Status| status.position_machine[axis] > position_mm;
             self.operator.waits("the next pass", is_before);
             None
         });
@@ -519,13 +519,13 @@ const FACING: &str = "G21 G18 G90 G94 G8\nS100 M3\nG0 X38\nG0 Z299.5\nG0 X30\nF2
 #[test]
 fn served_load_adaptive_cycles_are_held_and_resumed() {
     unless_disturbed(|| {
-        for (name, kind, program, axis, place_mm) in [
+        for (name, kind, program, axis, position_mm) in [
             ("turn-served", "longitudinal", LONGITUDINAL, 2, 298.5),
             ("face-served", "facing", FACING, 0, 28.5),
         ] {
             let mut scene = ServedLathe::start(name, kind, program);
             scene.ctl(&["start"]);
-            let held = scene.holds_in_the_cut(axis, place_mm);
+            let held = scene.holds_in_the_cut(axis, position_mm);
             std::thread::sleep(Duration::from_millis(500));
             let position = scene.operator.now().position_machine;
             assert_eq!(position, held.position_machine, "it moves in a hold");
@@ -555,9 +555,9 @@ fn a_served_cycle_stops_soon_after_its_sensor_fails() {
             "{}",
             status.alarm_sentence()
         );
-        let (seen, events) = scene.end();
+        let (driven, events) = scene.end();
         assert!(events.contains("load sensor"), "{events}");
-        let (_, after_s) = stands_after_the_last_reading(&seen);
+        let (_, after_s) = stop_after_last_reading(&driven);
         // 100 rev/min.
         assert!(after_s <= 0.6, "{after_s} s after the last reading");
     });

@@ -63,22 +63,23 @@ fn the_named_one_of_two_spindles_threads_and_orients() {
         assert!(passes.len() == 1 && passes[0].samples > 100, "{passes:?}");
         // 2 um, a step of the encoder, and one more of that for the sample compared with.
         assert!(passes[0].worst_mm <= 0.002 + 2.0 * 2.0 / 4096.0, "{passes:?} mm");
-        let told = inputs(&trace);
-        let named: Vec<_> = told
+        let texts = inputs(&trace);
+        let named: Vec<_> = texts
             .iter()
             .filter(|(_, code, ..)| *code == ANGLE_SPINDLE)
             .map(|(_, _, value, _)| *value)
             .collect();
         assert_eq!(named, [Some(1.0)], "which spindle the angle is");
         let is_of_first = |text: &str| {
-            told.iter()
-                .any(|(_, code, _, said)| *code == SPINDLE_1 && said == text)
+            texts
+                .iter()
+                .any(|(_, code, _, found_text)| *code == SPINDLE_1 && found_text == text)
         };
         assert!(is_of_first("spindle 1 at speed") && is_of_first("spindle 1 oriented"));
-        let told = notices(&trace);
+        let texts = notices(&trace);
         let at = |text: &str| {
-            let found = told.iter().position(|said| said == text);
-            found.unwrap_or_else(|| panic!("{text}: {told:?}"))
+            let found = texts.iter().position(|found_text| found_text == text);
+            found.unwrap_or_else(|| panic!("{text}: {texts:?}"))
         };
         let order = [
             at("spindle clockwise 300 rpm"),
@@ -98,10 +99,10 @@ fn a_tap_turns_its_own_spindle_back() {
         let program = "G21 G18 G90 G8\nS400 M3\nS300 M3 $1\nG0 X15 Z5\nG33.1 Z-15 K1 $1\nG0 X20\nM2\n";
         // It cannot turn counter-clockwise, which the tap has to find out before it moves.
         let (finished, _trace) = drive(&workshop, program, &[]);
-        let said = finished.out.clone() + &finished.err;
+        let printed = finished.out.clone() + &finished.err;
         finished.expect_code(&[1]);
-        assert!(said.contains("spindle 1"), "{said}");
-        assert!(said.contains("reverse"), "{said}");
+        assert!(printed.contains("spindle 1"), "{printed}");
+        assert!(printed.contains("reverse"), "{printed}");
     });
 }
 
@@ -111,9 +112,9 @@ fn trouble_of_either_spindle_stops_the_machine() {
         let workshop = Workshop::new();
         let program = "G21 G18 G90 G94 F600\nS500 M3 $1\nG1 Z200\nM2\n";
         let (finished, trace) = drive(&workshop, program, &["--fault", "spindle-fault@3"]);
-        let said = finished.out.clone() + &finished.err;
+        let printed = finished.out.clone() + &finished.err;
         finished.expect_code(&[1]);
-        assert!(said.contains("spindle"), "{said}");
+        assert!(printed.contains("spindle"), "{printed}");
         let last = cycles(&trace).pop().expect("cycles");
         assert!(last.position[Z] < 199.0 && last.velocity[Z] == 0.0);
         verifies(&trace);
@@ -140,13 +141,13 @@ fn what_a_spindle_cannot_do_is_refused_with_its_name() {
                 .arg(&machine)
                 .output();
             let finished = Finished::from(output.expect("the binary to start"));
-            let said = finished.out.clone() + &finished.err;
+            let printed = finished.out.clone() + &finished.err;
             finished.expect_code(&[1]);
             assert!(
-                said.contains(message) && said.contains("program.ngc:2"),
-                "{line}: {said}"
+                printed.contains(message) && printed.contains("program.ngc:2"),
+                "{line}: {printed}"
             );
-            assert!(said.contains("help"), "{line}: {said}");
+            assert!(printed.contains("help"), "{line}: {printed}");
         }
     }
 }

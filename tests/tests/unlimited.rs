@@ -19,7 +19,7 @@ const STEP_DEG: f64 = 0.75;
 
 /// A mill with an unlimited rotary table that reaches 720 degrees/s, or a multiple of that: long turns make
 /// long traces.
-fn table(workshop: &Workshop, name: &str, way: &str, faster: u32, homing: &str) -> PathBuf {
+fn table(workshop: &Workshop, name: &str, kind: &str, faster: u32, homing: &str) -> PathBuf {
     let shipped = workshop.mill(name, &[]);
     let text = std::fs::read_to_string(shipped).expect("a machine file");
     let text = text
@@ -30,7 +30,7 @@ fn table(workshop: &Workshop, name: &str, way: &str, faster: u32, homing: &str) 
             1,
         );
     let axis = format!(
-        "[[axis]]\nletter = \"C\"\nunlimited = \"{way}\"\nmax_velocity_deg_s = {}\n\
+        "[[axis]]\nletter = \"C\"\nunlimited = \"{kind}\"\nmax_velocity_deg_s = {}\n\
          max_acceleration_deg_s2 = {}\nmax_jerk_deg_s3 = {}\nfollowing_error_deg = 2\n",
         720 * faster,
         7200 * faster,
@@ -65,9 +65,9 @@ fn virtual_cycles(workshop: &Workshop, machine: &Path, program: &str) -> Vec<Cyc
 }
 
 /// Angles of C at the end of each line, in a virtual run.
-fn ends(way: &str, program: &str) -> Vec<f64> {
+fn ends(kind: &str, program: &str) -> Vec<f64> {
     let workshop = Workshop::new();
-    let machine = table(&workshop, "table", way, 1, "");
+    let machine = table(&workshop, "table", kind, 1, "");
     let mut ends: Vec<f64> = Vec::new();
     let mut line = 0;
     for cycle in virtual_cycles(&workshop, &machine, program) {
@@ -189,11 +189,11 @@ fn a_served_table_turns_without_an_end() {
         let mut angle = 0.0_f64;
         for round in 0..4 {
             operator.says_number("MODE", 2);
-            let way = random.between(5000.0, 9000.0).round();
-            let job = operator.says_text("MDI", &format!("G91 G0 C{way}")).job;
+            let distance = random.between(5000.0, 9000.0).round();
+            let job = operator.says_text("MDI", &format!("G91 G0 C{distance}")).job;
             let status = operator.sees_end(job);
             assert_eq!(status.job_result, 1, "{}", status.alarm_sentence());
-            angle = (angle + way).rem_euclid(360.0);
+            angle = (angle + distance).rem_euclid(360.0);
             let status = operator.now();
             assert!(
                 near(&status, angle),
@@ -258,7 +258,7 @@ fn a_jog_after_many_turns_starts_at_the_axis_position() {
             let begin = Instant::now();
             // Rejected while the axis is stopping.
             let job = loop {
-                let answer = operator.ask(&jog(90.0, 14_400.0));
+                let answer = operator.request(&jog(90.0, 14_400.0));
                 if answer.verdict == 0 {
                     break answer.job;
                 }

@@ -84,9 +84,9 @@ fn a_pipe_as_program_or_subroutine_is_refused_at_once() {
         let program = scene.workshop.path("pipe.ngc");
         pipe(&program);
         let text = program.to_str().expect("UTF-8");
-        let (alarm, took, said) = seconds(&mut operator, &with_text("LOAD", text));
-        assert_eq!(alarm, FILE, "{said}");
-        assert!(said.contains("pipe"), "{said}");
+        let (alarm, took, reply) = seconds(&mut operator, &with_text("LOAD", text));
+        assert_eq!(alarm, FILE, "{reply}");
+        assert!(reply.contains("pipe"), "{reply}");
         assert!(took < AT_ONCE.as_secs_f64(), "{took} s");
         // A program that becomes a pipe once it is loaded.
         let text = scene.workshop.write("part.ngc", "G0 X1\nM2\n");
@@ -94,24 +94,24 @@ fn a_pipe_as_program_or_subroutine_is_refused_at_once() {
         operator.says_number("MODE", 0);
         std::fs::remove_file(&text).expect("removed");
         pipe(&text);
-        let (alarm, took, said) = seconds(&mut operator, &command("START"));
-        assert_eq!(alarm, FILE, "{said}");
+        let (alarm, took, reply) = seconds(&mut operator, &command("START"));
+        assert_eq!(alarm, FILE, "{reply}");
         assert!(took < AT_ONCE.as_secs_f64(), "{took} s");
         // A subroutine in the program's own folder.
         pipe(&scene.workshop.path("hangs.ngc"));
         let calls = scene.workshop.write("calls.ngc", "o<hangs> call\nM2\n");
         let text = calls.to_str().expect("UTF-8");
-        let (alarm, took, said) = seconds(&mut operator, &with_text("LOAD", text));
-        assert_eq!(alarm, BAD_PROGRAM, "{said}");
-        assert!(said.contains("hangs.ngc") && said.contains("pipe"), "{said}");
+        let (alarm, took, reply) = seconds(&mut operator, &with_text("LOAD", text));
+        assert_eq!(alarm, BAD_PROGRAM, "{reply}");
+        assert!(reply.contains("hangs.ngc") && reply.contains("pipe"), "{reply}");
         assert!(took < AT_ONCE.as_secs_f64(), "{took} s");
         // And the tool table.
         std::fs::create_dir_all(scene.workshop.path("state")).expect("a folder");
         let table = scene.workshop.path("state/tools.tbl");
         let _none = std::fs::remove_file(&table);
         pipe(&table);
-        let (alarm, _, said) = seconds(&mut operator, &command("TOOL"));
-        assert_eq!(alarm, FILE, "{said}");
+        let (alarm, _, reply) = seconds(&mut operator, &command("TOOL"));
+        assert_eq!(alarm, FILE, "{reply}");
         drop(operator);
         scene.end();
     });
@@ -147,23 +147,23 @@ fn a_stop_is_answered_while_a_program_file_hangs() {
             std::thread::sleep(Duration::from_secs(2));
             assert!(!loads.is_finished() && !waits.is_finished(), "nothing hangs");
             for name in ["FEED_OVERRIDE", "STOP", "JOG_STOP", "ESTOP"] {
-                let (alarm, took, said) = seconds(&mut operator, &command(name));
-                assert_eq!(alarm, 0, "{name}: {said}");
+                let (alarm, took, reply) = seconds(&mut operator, &command(name));
+                assert_eq!(alarm, 0, "{name}: {reply}");
                 assert!(took < 1.0, "{name}: {took} s");
             }
             operator.waits("emergency stop", |status| status.machine_state == 0);
             assert!(!loads.is_finished(), "the file did not hang so long");
-            let (alarm, took, said) = loads.join().expect("a client");
-            assert_eq!(alarm, FILE, "{said}");
-            assert!(said.contains("no reply"), "{said}");
+            let (alarm, took, reply) = loads.join().expect("a client");
+            assert_eq!(alarm, FILE, "{reply}");
+            assert!(reply.contains("no reply"), "{reply}");
             assert!((4.0..15.0).contains(&took), "{took} s");
             // The command that had to wait is executed then.
             assert_eq!(waits.join().expect("a client").0, 0);
         });
         assert_eq!(operator.now().mode, 0);
         drop(held);
-        let (alarm, took, said) = seconds(&mut operator, &with_text("LOAD", &text));
-        assert_eq!(alarm, 0, "{said}");
+        let (alarm, took, reply) = seconds(&mut operator, &with_text("LOAD", &text));
+        assert_eq!(alarm, 0, "{reply}");
         assert!(took < AT_ONCE.as_secs_f64(), "{took} s");
         drop(operator);
         scene.end();
@@ -191,9 +191,9 @@ fn a_stop_cancels_the_start_of_a_program_that_hangs() {
             operator.says("STOP");
             // It does not begin any more, although its file can be read again.
             drop(held);
-            let (alarm, took, said) = starts.join().expect("a client");
-            assert_eq!(alarm, FILE, "{said}");
-            assert!(said.contains("a stop came"), "{said}");
+            let (alarm, took, reply) = starts.join().expect("a client");
+            assert_eq!(alarm, FILE, "{reply}");
+            assert!(reply.contains("a stop came"), "{reply}");
             assert!(took < 4.5, "{took} s");
         });
         assert_eq!(operator.now().position_machine[0], 0.0);
@@ -260,9 +260,9 @@ fn settings_that_are_pipes_or_hang_are_wrong_usage() {
                 .output()
                 .expect("timeout");
             let took = begin.elapsed();
-            let said = String::from_utf8_lossy(&output.stderr).into_owned();
-            assert_eq!(output.status.code(), Some(2), "{words:?}: {said}");
-            assert!(said.contains(reason), "{words:?}: {said}");
+            let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(2), "{words:?}: {stderr}");
+            assert!(stderr.contains(reason), "{words:?}: {stderr}");
             assert!(took < at_most, "{words:?}: {took:?}");
         });
     };
@@ -304,8 +304,8 @@ fn pipes_as_machine_file_or_tool_table_are_rejected() {
             command.arg(&hangs);
         }
         let output = command.output().expect("timeout");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{options:?}: {said}");
-        assert!(said.contains("pipe"), "{options:?}: {said}");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{options:?}: {stderr}");
+        assert!(stderr.contains("pipe"), "{options:?}: {stderr}");
     }
 }

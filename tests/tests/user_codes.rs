@@ -21,7 +21,7 @@ struct Shop {
 }
 
 impl Shop {
-    /// A machine with M101 and M102; M101 is this script, in which `said` stands for a file of the shop.
+    /// A machine with M101 and M102; M101 is this script, in which `said` is replaced by the path of a file of the shop.
     fn new(name: &str, script: &str, timeout_s: u32) -> Self {
         let workshop = Workshop::new();
         let shipped = workshop.mill(name, &[]);
@@ -32,8 +32,8 @@ impl Shop {
         );
         let machine = workshop.write(&format!("{name}.toml"), format!("{text}{program}"));
         std::fs::create_dir(workshop.path("codes")).expect("a folder");
-        let said = workshop.path("said");
-        let script = script.replace("said", said.to_str().expect("UTF-8"));
+        let log = workshop.path("said");
+        let script = script.replace("said", log.to_str().expect("UTF-8"));
         let file = workshop.write("codes/M101", format!("#!/bin/sh\n{script}\n"));
         std::fs::set_permissions(file, PermissionsExt::from_mode(0o755)).expect("permissions");
         let program = workshop.write("part.ngc", PROGRAM);
@@ -44,7 +44,7 @@ impl Shop {
         }
     }
 
-    fn said(&self) -> String {
+    fn logged(&self) -> String {
         std::fs::read_to_string(self.workshop.path("said")).unwrap_or_default()
     }
 
@@ -74,17 +74,17 @@ fn a_run_executes_a_user_command_at_rest() {
             ),
         );
         let summary = shop.runs(&domain).expect_code(&[0, 3]).json();
-        assert_eq!(shop.said(), "2.5 -3\n");
+        assert_eq!(shop.logged(), "2.5 -3\n");
         assert_eq!(summary["outcome"], "done");
         assert_eq!(summary["end_position"][0], 0.0);
         let mut trace =
             evolvent_trace::TraceFile::open(&shop.workshop.path("run.mcap")).expect("a complete trace");
-        let told: Vec<(u64, String)> = (trace.events())
+        let events: Vec<(u64, String)> = (trace.events())
             .map(|event| event.expect("a readable event"))
             .filter(|event| event.text.contains("M101"))
             .map(|event| (event.sequence, event.text))
             .collect();
-        let texts: Vec<&str> = told.iter().map(|(_, text)| text.as_str()).collect();
+        let texts: Vec<&str> = events.iter().map(|(_, text)| text.as_str()).collect();
         assert_eq!(texts, ["M101 P2.5 Q-3", "M101: clamped"]);
         // It was at the end of the block all the time.
         let period_s = summary["period_ns"].as_f64().expect("a number") * 1e-9;
@@ -92,11 +92,11 @@ fn a_run_executes_a_user_command_at_rest() {
             .cycles()
             .map(|cycle| cycle.expect("a readable cycle"))
             .collect();
-        let stood = (cycles.iter()).filter(|cycle| cycle.position[0] == 30.0 && cycle.feed_mm_s == 0.0);
-        let seconds = stood.count() as f64 * period_s;
+        let resting = (cycles.iter()).filter(|cycle| cycle.position[0] == 30.0 && cycle.feed_mm_s == 0.0);
+        let seconds = resting.count() as f64 * period_s;
         // Cycles with which a busy host has to catch up are counted after it.
         assert!((0.3..30.0).contains(&seconds), "{seconds} s at the stop");
-        let at = &cycles[told[1].0 as usize];
+        let at = &cycles[events[1].0 as usize];
         assert_eq!((at.position[0], at.feed_mm_s), (30.0, 0.0));
     });
 }
@@ -104,14 +104,14 @@ fn a_run_executes_a_user_command_at_rest() {
 #[test]
 fn a_failed_user_command_stops_with_its_alarm() {
     unless_disturbed(|| {
-        for (name, script, timeout_s, said) in [
+        for (name, script, timeout_s, expected) in [
             ("uc-fails", "echo said; exit 3", PATIENCE_S, "exit code 3"),
             ("uc-hangs", "sleep 300", 2, "did not end within 2 s"),
             ("uc-killed", "kill -9 $$", PATIENCE_S, "killed by signal 9"),
         ] {
             let (domain, shop) = (Domain::new(), Shop::new(name, script, timeout_s));
             let finished = shop.runs(&domain).expect_code(&[1]);
-            assert!(finished.err.contains(said), "{name}: {}", finished.err);
+            assert!(finished.err.contains(expected), "{name}: {}", finished.err);
             let summary = finished.json();
             assert_eq!(summary["alarm"], 102, "{name}");
             assert_eq!(summary["outcome"], "failed", "{name}");
@@ -166,7 +166,7 @@ fn where_time_is_not_real_no_command_is_carried_out() {
         shop.machine.as_os_str(),
     ])
     .expect_code(&[0]);
-    assert_eq!(shop.said(), "");
+    assert_eq!(shop.logged(), "");
 }
 
 #[test]
@@ -198,12 +198,12 @@ fn a_served_user_command_is_ended_only_by_a_stop() {
         operator.waits("M0", stop);
         // Twice, by accident: the second one does not apply to the command after the stop.
         operator.says("RESUME");
-        let _second = operator.ask(&command("RESUME"));
+        let _second = operator.request(&command("RESUME"));
         operator.waits("the command", |status| {
             status.operator_message().contains("at work")
         });
         let begun = Instant::now();
-        let refused = operator.ask(&command("RESUME"));
+        let refused = operator.request(&command("RESUME"));
         assert_eq!(refused.alarm, 920, "{}", refused.text());
         // A hold and its end do not continue it either.
         operator.says("HOLD");
@@ -221,16 +221,16 @@ fn a_served_user_command_is_ended_only_by_a_stop() {
         assert_eq!((status.job_result, status.position_machine[0]), (DONE, 0.0));
 
         // A stop ends it.
-        let before = shop.said();
+        let before = shop.logged();
         let job = operator.says("START").job;
         operator.waits("M0", stop);
         operator.says("RESUME");
         // Its earlier message to the operator may still be there.
         operator.waits("the command", |_| {
-            let said = shop.said();
-            said.ends_with('\n') && said != before
+            let logged = shop.logged();
+            logged.ends_with('\n') && logged != before
         });
-        let process = shop.said().trim().to_owned();
+        let process = shop.logged().trim().to_owned();
         operator.waits("the sleep", |_| is_sleeping(&process));
         operator.says("STOP");
         let status = operator.sees_end(job);
@@ -252,7 +252,7 @@ fn a_served_user_command_is_ended_only_by_a_stop() {
             status.alarm_sentence()
         );
         assert_eq!(status.position_machine[0], 5.0);
-        assert_eq!(operator.ask(&command("START")).alarm, 918);
+        assert_eq!(operator.request(&command("START")).alarm, 918);
         operator.says("CLEAR_ALARMS");
         // And in a block of MDI.
         operator.says_number("MODE", 2);

@@ -155,7 +155,7 @@ impl Case {
 
     fn add_change(&mut self, random: &mut Random, part: usize) {
         self.changes = true;
-        // Another tool each time: for the tool in the spindle nobody is asked.
+        // Another tool each time: there is no prompt for the tool that is in the spindle.
         let tool = 2 + part + if part == 0 { 0 } else { random.below(2) };
         let _written = writeln!(self.program, "G53 G0 Z0\nT{tool} M6\nG43 G0 X3");
         self.program += "G49\n";

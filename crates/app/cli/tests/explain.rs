@@ -123,9 +123,9 @@ fn an_exact_corner_is_named_with_angle_and_next_line() {
     );
     assert!((json["after"]["corner_degrees"].as_f64().unwrap() - 90.0).abs() < 1e-9);
     assert!(joined(&json["advice"]).contains("G64 P instead of G61"));
-    let places = json["places"].as_array().unwrap();
-    assert_eq!(places.len(), 2, "rest at both ends");
-    assert!((places[1]["position"][0].as_f64().unwrap() - 50.0).abs() < 0.01);
+    let slow_points = json["places"].as_array().unwrap();
+    assert_eq!(slow_points.len(), 2, "rest at both ends");
+    assert!((slow_points[1]["position"][0].as_f64().unwrap() - 50.0).abs() < 0.01);
 }
 
 #[test]
@@ -139,10 +139,10 @@ fn what_the_axes_stand_still_for_is_named() {
 fn a_tight_arc_is_limited_by_what_its_curvature_costs() {
     // R 1 mm: the jerk v^3/R^2 reaches 50 000 mm/s3 at 36.8 mm/s, the acceleration 2000 mm/s2 at 44.7 mm/s.
     let json = explained("G1 X10 F12000\nG3 X10 Y2 J1\nG1 X0\nM2\n", 2);
-    let most = json["most_feed_mm_min"].as_f64().unwrap() / 60.0;
-    assert!(most < 60.0, "{most}");
-    let places = json["places"].as_array().unwrap();
-    let slowest = places
+    let max_feed_mm_s = json["most_feed_mm_min"].as_f64().unwrap() / 60.0;
+    assert!(max_feed_mm_s < 60.0, "{max_feed_mm_s}");
+    let slow_points = json["places"].as_array().unwrap();
+    let slowest = slow_points
         .iter()
         .min_by(|a, b| {
             a["feed_mm_min"]
@@ -186,12 +186,15 @@ fn the_picture_names_what_limits_and_shares_add_up() {
     let output = plan(folder.path(), text, &["--plot", "plan.svg"]);
     assert!(output.status.success());
     let svg = std::fs::read_to_string(folder.path().join("plan.svg")).unwrap();
-    let shares: Vec<f64> = svg
+    let percentages: Vec<f64> = svg
         .lines()
         .filter_map(|line| line.split_once(" % of the time").map(|parts| parts.0))
         .filter_map(|head| head.rsplit_once(": ").and_then(|parts| parts.1.parse().ok()))
         .collect();
     assert!(svg.contains("feed word: ") && svg.contains("X jerk: "));
-    assert!((shares.iter().sum::<f64>() - 100.0).abs() < 1.0, "{shares:?}");
+    assert!(
+        (percentages.iter().sum::<f64>() - 100.0).abs() < 1.0,
+        "{percentages:?}"
+    );
     assert!(!svg.contains("NaN") && !svg.contains("class=\"bad\""));
 }

@@ -187,7 +187,7 @@ fn an_endless_program_is_checked_up_to_its_loop() {
     assert_eq!(output.status.code(), Some(3), "not as if it had no errors");
     let found = json(&output);
     assert_eq!(found["errors"], serde_json::json!([]));
-    assert_eq!(found["up_to"], 5, "what stands behind the loop was not looked at");
+    assert_eq!(found["up_to"], 5, "what follows the loop was not checked");
     assert_eq!(found["unchecked"]["reason"], "loop");
     assert_eq!(found["unchecked"]["line"], 3, "{found}");
     let text = |bounds: &[&str]| {
@@ -196,11 +196,14 @@ fn an_endless_program_is_checked_up_to_its_loop() {
         assert_eq!(output.status.code(), Some(3));
         String::from_utf8(output.stderr).unwrap()
     };
-    let told = text(&[]);
+    let stderr = text(&[]);
     let why = "the loop that begins on line 3 has more than 1000000 commands";
-    assert!(told.contains(why) && told.contains("--loop-limit"), "{told}");
-    let told = text(&["--loop-limit", "1000"]);
-    assert!(told.contains("has more than 1000 commands"), "{told}");
+    assert!(
+        stderr.contains(why) && stderr.contains("--loop-limit"),
+        "{stderr}"
+    );
+    let stderr = text(&["--loop-limit", "1000"]);
+    assert!(stderr.contains("has more than 1000 commands"), "{stderr}");
 }
 
 #[test]
@@ -252,8 +255,8 @@ fn a_run_says_what_was_not_checked() {
         .spawn()
         .unwrap();
     let mut first = String::new();
-    let mut told = std::io::BufReader::new(run.stderr.take().unwrap());
-    std::io::BufRead::read_line(&mut told, &mut first).unwrap();
+    let mut stderr = std::io::BufReader::new(run.stderr.take().unwrap());
+    std::io::BufRead::read_line(&mut stderr, &mut first).unwrap();
     run.kill().unwrap();
     run.wait().unwrap();
     assert!(
@@ -318,8 +321,8 @@ fn the_next_run_recovers_what_a_killed_run_has_left() {
     assert!(!bench.path("killed.mcap.part").exists());
     let mut recovered = TraceFile::open(&bench.path("killed.mcap")).unwrap();
     assert!(recovered.cycles().all(|cycle| cycle.is_ok()));
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(told.contains("killed.mcap.part"), "{told}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(stderr.contains("killed.mcap.part"), "{stderr}");
 }
 
 #[test]
@@ -451,7 +454,7 @@ fn a_mid_program_start_is_shown_and_ends_as_the_whole() {
     assert_eq!(json(&rest)["end_position"], json(&whole)["end_position"]);
     // Up, across, down, plunge at the feed, and the one remaining line.
     assert_eq!(json(&rest)["moves"], 5);
-    let told = String::from_utf8_lossy(&rest.stderr).into_owned();
+    let stderr = String::from_utf8_lossy(&rest.stderr).into_owned();
     for part in [
         "starting at line 5",
         "G61",
@@ -459,7 +462,7 @@ fn a_mid_program_start_is_shown_and_ends_as_the_whole() {
         "X20.0000",
         "Z to -1.000, at 1200.0 mm/min",
     ] {
-        assert!(told.contains(part), "{part}: {told}");
+        assert!(stderr.contains(part), "{part}: {stderr}");
     }
     let beyond = plan(&["--start-line", "50"]);
     assert_eq!(beyond.status.code(), Some(1));
@@ -470,7 +473,7 @@ fn a_mid_program_start_is_shown_and_ends_as_the_whole() {
 fn a_trace_never_replaces_what_is_run() {
     let bench = Bench::new();
     let program = bench.program("G1 X1 F600\nM2\n");
-    for place in [as_str(&program), as_str(bench.folder.path())] {
+    for target in [as_str(&program), as_str(bench.folder.path())] {
         let output = evolvent(&[
             "run",
             as_str(&program),
@@ -480,9 +483,9 @@ fn a_trace_never_replaces_what_is_run() {
             "--clock",
             "virtual",
             "--trace",
-            place,
+            target,
         ]);
-        assert_eq!(output.status.code(), Some(2), "{place}");
+        assert_eq!(output.status.code(), Some(2), "{target}");
     }
     assert_eq!(fs::read_to_string(&program).unwrap(), "G1 X1 F600\nM2\n");
 }
@@ -490,9 +493,9 @@ fn a_trace_never_replaces_what_is_run() {
 #[test]
 fn negative_numbers_are_judged_as_numbers() {
     let output = evolvent(&["bore", "--hole", "20", "--tool", "8", "--pitch", "-1"]);
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2));
-    assert!(told.contains("a pitch of -1 mm is impossible"), "{told}");
+    assert!(stderr.contains("a pitch of -1 mm is impossible"), "{stderr}");
 }
 
 #[test]
@@ -558,10 +561,10 @@ fn a_signal_ends_a_stepped_replay_that_waits() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let mut asked = String::new();
+        let mut prompt = String::new();
         let mut err = BufReader::new(child.stderr.take().unwrap());
-        err.read_line(&mut asked).unwrap();
-        assert!(asked.contains("Enter for the next"), "{asked}");
+        err.read_line(&mut prompt).unwrap();
+        assert!(prompt.contains("Enter for the next"), "{prompt}");
         let id = child.id().to_string();
         let sent = Command::new("kill").args(["-s", signal, &id]).status().unwrap();
         assert!(sent.success());
@@ -576,9 +579,9 @@ fn a_signal_ends_a_stepped_replay_that_waits() {
             }
             std::thread::sleep(Duration::from_millis(5));
         };
-        let told = json(&child.wait_with_output().unwrap());
+        let summary = json(&child.wait_with_output().unwrap());
         assert_eq!(
-            (status.code(), &told["stopped"], &told["setpoints"]),
+            (status.code(), &summary["stopped"], &summary["setpoints"]),
             (Some(0), &true.into(), &0.into())
         );
     }
@@ -637,35 +640,35 @@ fn implausible_values_and_missing_folders_are_warned() {
     let lines = text.lines().count() + 6;
     for command in ["check", "plan"] {
         let output = evolvent(&[command, as_str(&program), "--machine", as_str(&machine)]);
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
         for part in [
             "max_jerk_m_s3: axis X takes 10 s".to_owned(),
             format!("machine.toml:{lines}: program.subroutines[1]: there is no folder"),
         ] {
-            assert_eq!(told.matches(&part).count(), 1, "{command}: {part}: {told}");
+            assert_eq!(stderr.matches(&part).count(), 1, "{command}: {part}: {stderr}");
         }
-        assert!(told.contains("warning: "), "{told}");
+        assert!(stderr.contains("warning: "), "{stderr}");
     }
     let output = evolvent(&["check", as_str(&program), "--machine", MACHINE]);
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(0), "{told}");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
     assert!(
-        told.contains(":2: F9999999 is far above what the machine can do") && !told.contains("F8888888"),
-        "{told}"
+        stderr.contains(":2: F9999999 is far above what the machine can do") && !stderr.contains("F8888888"),
+        "{stderr}"
     );
     // At its line, like other warnings of a program.
     for command in ["plan", "run"] {
         let output = evolvent(&[command, as_str(&program), "--machine", MACHINE]);
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
         let words = "line 2: warning: F9999999 is far above what the machine can do";
-        assert_eq!(told.matches(words).count(), 1, "{command}: {told}");
-        assert!(!told.contains("F8888888"), "{command}: {told}");
+        assert_eq!(stderr.matches(words).count(), 1, "{command}: {stderr}");
+        assert!(!stderr.contains("F8888888"), "{command}: {stderr}");
     }
     // Inverse time, and a feed of a few times the machine's speed, which means as fast as possible.
     for text in ["G93\nG1 X0.001 F99999\nG94\nM2\n", "F100000\nG1 X1\nM2\n"] {
         let program = bench.program(text);
         let output = evolvent(&["check", as_str(&program), "--machine", MACHINE]);
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(!told.contains("warning"), "{told}");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!stderr.contains("warning"), "{stderr}");
     }
 }

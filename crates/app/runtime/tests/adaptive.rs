@@ -41,7 +41,7 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
     let job = Job::new(program, setup);
     let controls = Arc::new(Controls::new(1.0).with_adaptive_feed(settings));
     let sensor = Arc::clone(&controls);
-    let seen: Mutex<Vec<[f64; 4]>> = Mutex::new(Vec::new());
+    let samples: Mutex<Vec<[f64; 4]>> = Mutex::new(Vec::new());
     let turn = (TURN_S / period_s).round() as usize;
     let outcome = run(&job, &controls, &mut Silent, |setpoint| {
         let x = setpoint.position[0];
@@ -52,26 +52,26 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
             0.5 + 1.5 * (x - 20.0) / 100.0
         };
         let ripple = 1.0 + 0.01 * (setpoint.sequence as f64).sin();
-        let mut seen = seen.lock().unwrap();
+        let mut samples = samples.lock().unwrap();
         // The chip thickness is the distance in the last revolution.
-        let before = seen
+        let before = samples
             .len()
             .checked_sub(turn)
-            .map_or(0.0, |turn_ago| seen[turn_ago][0]);
+            .map_or(0.0, |turn_ago| samples[turn_ago][0]);
         let chip = (x - before).max(0.0) / TURN_S / FEED_MM_S;
         let load = SET * engaged * chip.powf(0.75) * ripple;
         if x <= sends_to_mm {
             sensor.set_load(load, 10.0 * SET);
         }
-        seen.push([x, setpoint.feed_mm_s, load, setpoint.feed_override]);
+        samples.push([x, setpoint.feed_mm_s, load, setpoint.feed_override]);
     })
     .unwrap();
-    (seen.into_inner().unwrap(), outcome, period_s)
+    (samples.into_inner().unwrap(), outcome, period_s)
 }
 
 #[test]
 fn load_and_limits_are_kept_and_rapids_not_scaled() {
-    let (seen, outcome, _) = run_with(1e9);
+    let (samples, outcome, _) = run_with(1e9);
     assert_eq!(outcome.fault, None);
     let summary = &outcome.summary;
     assert_eq!(summary.outcome.name(), "done");
@@ -79,7 +79,7 @@ fn load_and_limits_are_kept_and_rapids_not_scaled() {
         summary.jerk_ratio.iter().all(|ratio| *ratio <= 1.02),
         "{summary:?}"
     );
-    let there: Vec<_> = seen.iter().take_while(|s| s[0] < 119.0).collect();
+    let there: Vec<_> = samples.iter().take_while(|s| s[0] < 119.0).collect();
     // In air the idle factor, then the factor for the load: (set / engaged)^(1/0.75).
     assert!(
         there
@@ -99,21 +99,24 @@ fn load_and_limits_are_kept_and_rapids_not_scaled() {
         (slowest / expected - 1.0).abs() < 0.05,
         "{slowest} for {expected}"
     );
-    let rapid = seen.iter().map(|s| s[1]).fold(0.0, f64::max);
+    let rapid = samples.iter().map(|s| s[1]).fold(0.0, f64::max);
     assert!(rapid > 20.0 * FEED_MM_S, "{rapid}");
 }
 
 #[test]
 fn a_silent_sensor_stops_the_run_within_a_turn() {
-    let (seen, outcome, period_s) = run_with(70.0);
+    let (samples, outcome, period_s) = run_with(70.0);
     assert_eq!(outcome.summary.alarm, Some(501));
     assert!(outcome.fault.is_some_and(|text| text.contains("load sensor")));
-    let silent = seen.iter().position(|s| s[0] > 70.0).unwrap();
-    let stopped_at = seen.iter().skip(silent).position(|s| s[1] == 0.0).unwrap();
+    let silent = samples.iter().position(|s| s[0] > 70.0).unwrap();
+    let stopped_at = samples.iter().skip(silent).position(|s| s[1] == 0.0).unwrap();
     assert!(
         stopped_at as f64 * period_s <= 0.1,
         "{} s",
         stopped_at as f64 * period_s
     );
-    assert!(seen.iter().all(|s| s[0] < 72.0), "it stops where the sensor does");
+    assert!(
+        samples.iter().all(|s| s[0] < 72.0),
+        "it stops where the sensor does"
+    );
 }

@@ -40,16 +40,16 @@ fn drive(
     };
     let controls = Arc::new(Controls::new(0.5));
     let operated = Arc::clone(&controls);
-    let seen = Mutex::new(Vec::new());
+    let setpoints = Mutex::new(Vec::new());
     let outcome = run(&job, &controls, &mut Silent, |setpoint| {
         operate(&operated, setpoint);
-        seen.lock().unwrap().push(*setpoint);
+        setpoints.lock().unwrap().push(*setpoint);
     })
     .unwrap();
     let verified = verify(&trace).unwrap();
     assert!(verified.holds() && verified.recomputed, "{verified:?}");
     assert_eq!(verified.compared, verified.cycles);
-    (seen.into_inner().unwrap(), outcome.summary.outcome)
+    (setpoints.into_inner().unwrap(), outcome.summary.outcome)
 }
 
 /// The feed in the middle of a move along X, mm/s.

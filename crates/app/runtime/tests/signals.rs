@@ -125,7 +125,7 @@ fn drive(
         ..Job::new(file, setup)
     };
     let setpoints = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&setpoints);
+    let recorded = Arc::clone(&setpoints);
     let controls = Arc::new(Controls::new(1.0));
     let operated = Arc::clone(&controls);
     let (sender, receiver) = mpsc::channel();
@@ -133,7 +133,7 @@ fn drive(
     std::thread::spawn(move || {
         let outcome = run(&job, &operated, &mut Silent, |setpoint| {
             operate(&operated, setpoint);
-            seen.lock().unwrap().push(*setpoint);
+            recorded.lock().unwrap().push(*setpoint);
         });
         sender.send(outcome.unwrap()).unwrap();
     });
@@ -442,8 +442,11 @@ fn missing_signals_are_an_error_before_motion() {
             "",
             |_, _| {},
         );
-        let said = ran.outcome.program.unwrap_err().to_string();
-        assert!(said.contains(part) && said.contains("machine file"), "{said}");
+        let message = ran.outcome.program.unwrap_err().to_string();
+        assert!(
+            message.contains(part) && message.contains("machine file"),
+            "{message}"
+        );
         assert_eq!(ran.setpoints.last().unwrap().position[0], 1.0);
     }
 }
@@ -552,24 +555,24 @@ fn a_program_continues_from_the_probe_contact() {
         for rate in [250.0, 1000.0, 35_000.0] {
             let trip = "[[change]]\ninput = \"probe\"\non = true\nat_s = 0.5\n";
             let ran = probes(PROBING, trip, planner, rate);
-            let said = format!("{planner:?} {rate} {:?}", ran.outcome.program);
-            assert_eq!(ran.outcome.summary.outcome, Outcome::Done, "{said}");
+            let context = format!("{planner:?} {rate} {:?}", ran.outcome.program);
+            assert_eq!(ran.outcome.summary.outcome, Outcome::Done, "{context}");
             let period_s = (1e9 / rate).round() * 1e-9;
             let before = |setpoint: &&Setpoint| (setpoint.sequence as f64) * period_s < 0.5;
-            let seen = ran.setpoints.iter().rfind(before).unwrap().position;
-            assert!((-5.0..-4.0).contains(&seen[2]), "{said}: {}", seen[2]);
+            let contact = ran.setpoints.iter().rfind(before).unwrap().position;
+            assert!((-5.0..-4.0).contains(&contact[2]), "{context}: {}", contact[2]);
             let last = ran.setpoints.last().unwrap();
             // The program's X is the Z that the probe reported, and Y shows that there was contact.
             assert!(
-                (last.position[0] + seen[2]).abs() < 1e-9,
-                "{said}: {} {}",
+                (last.position[0] + contact[2]).abs() < 1e-9,
+                "{context}: {} {}",
                 last.position[0],
-                seen[2]
+                contact[2]
             );
-            assert_eq!(last.position[1], 1.0, "{said}");
+            assert_eq!(last.position[1], 1.0, "{context}");
             assert!(
-                last.position[2] < seen[2] && last.position[2] > seen[2] - 1.0,
-                "{said}"
+                last.position[2] < contact[2] && last.position[2] > contact[2] - 1.0,
+                "{context}"
             );
         }
     }

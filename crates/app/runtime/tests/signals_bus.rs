@@ -61,7 +61,7 @@ impl Drop for Prefix {
 
 /// Messages that a bridge has received.
 #[derive(Default)]
-struct Heard {
+struct Received {
     outputs: Vec<MachineOutputs>,
     /// The first setpoint that differs from the start.
     begins: Option<u64>,
@@ -70,7 +70,11 @@ struct Heard {
 
 /// A bridge that sends its inputs every 5 ms; `inputs` computes them from the outputs in force and the last
 /// setpoint.
-fn bridge(prefix: &str, over: &AtomicBool, mut inputs: impl FnMut(&Heard) -> Option<MachineInputs>) -> Heard {
+fn bridge(
+    prefix: &str,
+    over: &AtomicBool,
+    mut inputs: impl FnMut(&Received) -> Option<MachineInputs>,
+) -> Received {
     let client = ClientBus::open(&ClientConfig {
         prefix: Some(prefix.to_owned()),
         wait: Duration::from_secs(30),
@@ -80,18 +84,18 @@ fn bridge(prefix: &str, over: &AtomicBool, mut inputs: impl FnMut(&Heard) -> Opt
     let mut setpoints = client.bridge_setpoints().unwrap();
     let mut outputs = client.outputs().unwrap();
     let mut sender = client.input_sender().unwrap();
-    let (mut heard, mut sequence) = (Heard::default(), 0);
+    let (mut received, mut sequence) = (Received::default(), 0);
     while !over.load(Ordering::Acquire) {
         while let Ok(Some(setpoint)) = setpoints.receive() {
             if setpoint.position[0] > 0.0 {
-                heard.begins.get_or_insert(setpoint.sequence);
+                received.begins.get_or_insert(setpoint.sequence);
             }
-            heard.last = Some(setpoint);
+            received.last = Some(setpoint);
         }
         while let Ok(Some(message)) = outputs.receive() {
-            heard.outputs.push(message);
+            received.outputs.push(message);
         }
-        if let Some(message) = inputs(&heard) {
+        if let Some(message) = inputs(&received) {
             sequence += 1;
             let message = MachineInputs {
                 sequence,
@@ -103,7 +107,7 @@ fn bridge(prefix: &str, over: &AtomicBool, mut inputs: impl FnMut(&Heard) -> Opt
         }
         std::thread::sleep(Duration::from_millis(5));
     }
-    heard
+    received
 }
 
 fn read(chain: bool, ready: bool) -> MachineInputs {
@@ -116,8 +120,8 @@ fn read(chain: bool, ready: bool) -> MachineInputs {
 
 fn drive(
     program: &str,
-    inputs: impl FnMut(&Heard) -> Option<MachineInputs> + Send,
-) -> (Result<RunOutcome, StartError>, Heard, Duration) {
+    inputs: impl FnMut(&Received) -> Option<MachineInputs> + Send,
+) -> (Result<RunOutcome, StartError>, Received, Duration) {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
     let text = std::fs::read_to_string(&file).unwrap();
     let text = format!("{text}{SIGNALS}").replace("# max_late_cycles = 1000", "max_late_cycles = 0");
@@ -142,13 +146,13 @@ fn drive(
     let over = AtomicBool::new(false);
     let controls = Arc::new(Controls::new(1.0));
     let begun = Instant::now();
-    let (outcome, heard) = std::thread::scope(|scope| {
+    let (outcome, received) = std::thread::scope(|scope| {
         let there = scope.spawn(|| bridge(&prefix.0, &over, inputs));
         let outcome = run(&job, &controls, &mut Silent, |_| {});
         over.store(true, Ordering::Release);
         (outcome, there.join().unwrap())
     });
-    (outcome, heard, begun.elapsed())
+    (outcome, received, begun.elapsed())
 }
 
 #[test]
@@ -157,9 +161,9 @@ fn the_bus_carries_outputs_with_setpoints_and_inputs() {
         let program =
             "G21 F3000\nM63 P0\nM67 E3 Q2.5\nG1 X5\nM66 P2 L3 Q20\nM64 P0\nG1 X[10 + #5399]\nG4 P0.5\nM2\n";
         let mut off_since = None;
-        let (outcome, heard, _) = drive(program, move |heard| {
+        let (outcome, received, _) = drive(program, move |received| {
             // The input follows the output 0.3 s later.
-            let off = heard
+            let off = received
                 .outputs
                 .last()
                 .is_some_and(|outputs| outputs.digital & 1 == 0);
@@ -172,20 +176,20 @@ fn the_bus_carries_outputs_with_setpoints_and_inputs() {
         let outcome = outcome.unwrap();
         assert_eq!(outcome.summary.outcome, Outcome::Done, "{:?}", outcome.summary);
         assert_eq!(outcome.summary.end_position[0], 11.0, "the input was on");
-        let changed = heard
+        let changed = received
             .outputs
             .iter()
             .find(|message| message.digital & 1 == 0)
             .unwrap();
-        assert_eq!((Some(changed.cycle), changed.analog[3]), (heard.begins, 2.5));
-        let last = heard.outputs.last().unwrap();
+        assert_eq!((Some(changed.cycle), changed.analog[3]), (received.begins, 2.5));
+        let last = received.outputs.last().unwrap();
         assert_eq!(
             (last.digital & 1, last.digital_mask, last.analog_mask),
             (1, 1, 1 << 3)
         );
         assert_eq!((last.safe_digital, last.safe_analog[3]), (1, 0.0));
         assert!(last.cycle > changed.cycle && last.due_time_ns > changed.due_time_ns);
-        let first = &heard.outputs[0];
+        let first = &received.outputs[0];
         assert_eq!((first.digital, first.analog[3]), (1, 0.0), "safe at the start");
     });
 }
@@ -195,18 +199,18 @@ fn an_open_chain_or_a_silent_bridge_stops_the_run() {
     unless_disturbed(|| {
         for silent in [false, true] {
             let program = "G21 F3000\nM63 P0\nM67 E3 Q9\nG1 X300\nM2\n";
-            let (outcome, heard, _) = drive(program, move |heard| {
-                let far = heard.last.is_some_and(|last| last.position[0] > 20.0);
+            let (outcome, received, _) = drive(program, move |received| {
+                let far = received.last.is_some_and(|last| last.position[0] > 20.0);
                 (!far || !silent).then(|| read(!far, false))
             });
             let outcome = outcome.unwrap();
             assert_eq!(outcome.summary.alarm, Some(430), "{:?}", outcome.summary);
             assert!(outcome.summary.end_position[0] < 150.0, "{:?}", outcome.summary);
-            let last = heard.outputs.last().unwrap();
+            let last = received.outputs.last().unwrap();
             assert_eq!((last.digital & 1, last.analog[3]), (1, 0.0), "safe");
             // The bridge may have ended before the last setpoint.
             let stops = [MotionState::Stopping as u32, MotionState::Stopped as u32];
-            assert!(stops.contains(&heard.last.unwrap().state));
+            assert!(stops.contains(&received.last.unwrap().state));
         }
     });
 }
@@ -214,13 +218,13 @@ fn an_open_chain_or_a_silent_bridge_stops_the_run() {
 #[test]
 fn a_run_does_not_begin_with_an_open_chain() {
     unless_disturbed(|| {
-        let (outcome, heard, took) = drive("G21 F3000\nG1 X5\nM2\n", |_| Some(read(false, false)));
+        let (outcome, received, took) = drive("G21 F3000\nG1 X5\nM2\n", |_| Some(read(false, false)));
         match outcome {
             Err(StartError::ChainOpen) => {}
             other => panic!("{other:?}"),
         }
         assert!(
-            heard.last.is_none() && took < Duration::from_secs(60),
+            received.last.is_none() && took < Duration::from_secs(60),
             "nothing has moved"
         );
     });

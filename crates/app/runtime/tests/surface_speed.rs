@@ -35,16 +35,16 @@ fn turn(program: &str, planner: PlannerKind) -> Vec<Setpoint> {
         ..Job::new(part, Setup::new(machine, file, text, None).unwrap())
     };
     let controls = Arc::new(Controls::new(1.0));
-    let seen = Mutex::new(Vec::new());
+    let setpoints = Mutex::new(Vec::new());
     let outcome = run(&job, &controls, &mut Silent, |setpoint| {
-        seen.lock().unwrap().push(*setpoint);
+        setpoints.lock().unwrap().push(*setpoint);
     })
     .unwrap();
     assert_eq!(outcome.summary.outcome, Outcome::Done);
     let verified = verify(&trace).unwrap();
     assert!(verified.holds() && verified.recomputed, "{verified:?}");
     assert_eq!(verified.compared, verified.cycles);
-    seen.into_inner().unwrap()
+    setpoints.into_inner().unwrap()
 }
 
 const PLANNERS: [PlannerKind; 2] = [PlannerKind::Classic, PlannerKind::Optimal];
@@ -66,7 +66,7 @@ fn facing_keeps_feed_per_revolution_as_speed_rises() {
             }
             let rpm = (100_000.0 / (TAU * x)).min(1200.0);
             let per_turn = setpoint.velocity[0].abs() / (rpm / 60.0);
-            // Half of the change of speed along a piece, and the lag of the feed behind the pieces.
+            // Half of the change of speed along a piece, and the lag of the feed.
             assert!(
                 (per_turn / 0.25 - 1.0).abs() < 0.02,
                 "{planner:?}: {per_turn} mm at {x}"

@@ -63,11 +63,11 @@ fn drive(
     std::fs::write(&file, program).unwrap();
     let job = Job::new(file, setup);
     let controls = Arc::new(Controls::new(1.0));
-    let seen = Mutex::new(Vec::new());
+    let samples = Mutex::new(Vec::new());
     let outcome = run_observed(&job, &controls, &mut Silent, |cycle| {
         let setpoint = cycle.setpoint;
         act(setpoint.sequence, cycle, &controls);
-        seen.lock().unwrap().push(Sample {
+        samples.lock().unwrap().push(Sample {
             position: [setpoint.position[0], setpoint.position[2]],
             state: setpoint.state,
             turning: cycle.turning.map(|output| output.state),
@@ -75,7 +75,7 @@ fn drive(
         });
     })
     .unwrap();
-    (seen.into_inner().unwrap(), outcome)
+    (samples.into_inner().unwrap(), outcome)
 }
 
 /// Checks differences of positions against the machine's limits, without the guard.
@@ -98,7 +98,7 @@ fn keeps_limits(samples: &[Sample], setup: &Setup) {
 }
 
 /// The largest true load of a whole program, and the height of the stock left above the final size 10 mm
-/// behind the face. The setpoints' positions cut the stock.
+/// from the face. The setpoints' positions cut the stock.
 fn largest_load(program: &str, process: &TurningJob) -> (f64, f64) {
     let here = setup(Some(process.clone()));
     let mut stock = SimulatedProcess::new(process, 1.0 / here.rate_hz()).unwrap();
@@ -145,7 +145,7 @@ fn a_shoulder_within_the_stock_overloads_no_pass() {
 
 #[test]
 fn facing_to_a_shoulder_or_the_axis_never_overloads() {
-    // End diameters. At 0 there is nothing behind the end; at 4 the axis comes before the end of the wall.
+    // End diameters. At 0 there is nothing beyond the end; at 4 the axis comes before the end of the wall.
     for (end, allowance) in [
         (20.0, 0.0),
         (20.0, 0.3),
@@ -243,15 +243,15 @@ fn a_cone_after_the_cylinder_is_finished_to_size() {
             let contour = 30.0 + (268.0 + left - z).max(0.0) * 30.0_f64.to_radians().tan();
             x - (contour + left)
         };
-        let least = |turns: bool, left: f64| {
+        let min_above = |turns: bool, left: f64| {
             samples
                 .iter()
                 .filter(|sample| sample.turning.is_some() == turns)
                 .map(|sample| above(sample, left))
                 .fold(f64::INFINITY, f64::min)
         };
-        assert!(least(true, 0.3).abs() < 1e-6, "{}", least(true, 0.3));
-        assert!(least(false, 0.0).abs() < 1e-3, "{}", least(false, 0.0));
+        assert!(min_above(true, 0.3).abs() < 1e-6, "{}", min_above(true, 0.3));
+        assert!(min_above(false, 0.0).abs() < 1e-3, "{}", min_above(false, 0.0));
         assert!(
             samples
                 .iter()
@@ -272,8 +272,8 @@ fn hold_override_and_stop_reach_the_turning_cycle() {
     let (whole, _) = drive(PROGRAM, setup(Some(process())), |_, _, _| {});
     let first = whole.iter().position(|sample| sample.turning.is_some()).unwrap() as u64;
     let last = whole.iter().rposition(|sample| sample.turning.is_some()).unwrap() as u64;
-    for share in [0.02, 0.31, 0.77, 0.98] {
-        let at = first + (share * (last - first) as f64) as u64;
+    for fraction in [0.02, 0.31, 0.77, 0.98] {
+        let at = first + (fraction * (last - first) as f64) as u64;
         let here = setup(Some(process()));
         let (samples, outcome) = drive(PROGRAM, here.clone(), |k, _, controls| {
             if k == at {

@@ -275,7 +275,7 @@ fn a_left_program_continues_bit_for_bit() {
 #[test]
 fn the_path_driven_backwards_is_the_driven_path() {
     let (mut random, cases) = campaign(1602, 8);
-    let (mut max, mut seen, mut fraction) = (0.0_f64, 0, 0.0_f64);
+    let (mut max, mut count, mut fraction) = (0.0_f64, 0, 0.0_f64);
     for case in 0..cases {
         let scenario = random_scenario(&mut random, 3 * case);
         let moment = moment(&mut random, &scenario);
@@ -318,15 +318,15 @@ fn the_path_driven_backwards_is_the_driven_path() {
             let apart_s = 1e-9 * scenario.period_ns.max(1_000_000) as f64;
             // The derived error of the quintics, plus the error of the nearest point on the path.
             let bound = 1.02 * jerk * apart_s.powi(3) / 161.0 + 1e-8;
-            (max, seen, fraction) = (max.max(error), seen + 1, fraction.max(error / bound));
+            (max, count, fraction) = (max.max(error), count + 1, fraction.max(error / bound));
         }
         let [v, a, j] = ratios(&scenario, &machine.out);
         assert!(v <= 1.001 && a <= 1.001 && j <= 1.02, "case {case}: {v} {a} {j}");
     }
-    println!("{seen} positions within {max:.2e} mm of the path, {fraction:.2} of the bound");
+    println!("{count} positions within {max:.2e} mm of the path, {fraction:.2} of the bound");
     assert!(
-        seen > 500 && fraction <= 1.0,
-        "{seen} positions, {fraction} of the bound, {max} mm"
+        count > 500 && fraction <= 1.0,
+        "{count} positions, {fraction} of the bound, {max} mm"
     );
 }
 

@@ -168,7 +168,11 @@ fn line(from: f64, to: f64) -> Segment {
     }
 }
 
-fn lie(segments: &[Segment], limits: ScalarLimits, exits: &[f64]) -> evolvent_motion::PlanConsumer {
+fn unchecked_plan(
+    segments: &[Segment],
+    limits: ScalarLimits,
+    exits: &[f64],
+) -> evolvent_motion::PlanConsumer {
     let (mut producer, queue) = plan_queue(|| false);
     for (k, segment) in segments.iter().enumerate() {
         producer.segment(segment).expect("room");
@@ -223,7 +227,7 @@ fn the_guard_stops_a_plan_that_breaks_velocity() {
         acceleration: 2000.0,
         jerk: 50_000.0,
     };
-    let mut queue = lie(&[line(0.0, 200.0)], scalar, &[0.0]);
+    let mut queue = unchecked_plan(&[line(0.0, 200.0)], scalar, &[0.0]);
     let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
     let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
     let fault = motion.fault().expect("the guard has to see it");
@@ -244,7 +248,7 @@ fn the_guard_quick_stops_when_braking_breaks_limits() {
         acceleration: 2000.0,
         jerk: 500_000.0,
     };
-    let mut queue = lie(&[line(0.0, 200.0)], scalar, &[0.0]);
+    let mut queue = unchecked_plan(&[line(0.0, 200.0)], scalar, &[0.0]);
     let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
     let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
     assert_eq!(
@@ -267,7 +271,7 @@ fn the_guard_keeps_a_jump_of_the_path_from_the_drives() {
         jerk: 50_000.0,
     };
     // The second segment starts 5 mm beyond the end of the first.
-    let mut queue = lie(&[line(0.0, 100.0), line(105.0, 200.0)], scalar, &[200.0, 0.0]);
+    let mut queue = unchecked_plan(&[line(0.0, 100.0), line(105.0, 200.0)], scalar, &[200.0, 0.0]);
     let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
     let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
     assert!(motion.fault().is_some() && motion.is_over());
@@ -286,7 +290,7 @@ fn an_emergency_stop_continues_a_stop_of_the_guard() {
         jerk: 50_000.0,
     };
     for moment in 1..150 {
-        let mut queue = lie(&[line(0.0, 100.0), line(105.0, 200.0)], scalar, &[200.0, 0.0]);
+        let mut queue = unchecked_plan(&[line(0.0, 100.0), line(105.0, 200.0)], scalar, &[200.0, 0.0]);
         let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
         let mut generator = SetpointGenerator::new(limits, 1_000_000, Axes::zeros());
         assert!(generator.attach(&mut motion));
@@ -320,7 +324,7 @@ fn a_position_that_is_no_number_never_leaves() {
         acceleration: 2000.0,
         jerk: f64::NAN,
     };
-    let mut queue = lie(&[line(0.0, 100.0)], scalar, &[0.0]);
+    let mut queue = unchecked_plan(&[line(0.0, 100.0)], scalar, &[0.0]);
     let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
     for _ in 0..1000 {
         let setpoint = motion.step(&Inputs::default(), &mut queue);
@@ -378,15 +382,15 @@ fn the_line_at_rest_is_that_of_the_awaited_step() {
     producer.step(&Step::End { line: 6 }).expect("room");
     producer.commit(4);
     let mut motion = PathExecutor::new(one_axis(200.0, 2000.0, 50_000.0), 1_000_000, Axes::zeros());
-    let mut seen = Vec::new();
+    let mut states = Vec::new();
     for cycle in 0..1000 {
         let inputs = Inputs {
             resume: cycle > 500,
             ..Inputs::default()
         };
         let setpoint = motion.step(&inputs, &mut queue);
-        if seen.last() != Some(&(setpoint.state, setpoint.line, setpoint.block)) {
-            seen.push((setpoint.state, setpoint.line, setpoint.block));
+        if states.last() != Some(&(setpoint.state, setpoint.line, setpoint.block)) {
+            states.push((setpoint.state, setpoint.line, setpoint.block));
         }
     }
     let expected = [
@@ -395,7 +399,7 @@ fn the_line_at_rest_is_that_of_the_awaited_step() {
         (MotionState::Running, 5, 1),
         (MotionState::Done, 6, 1),
     ];
-    assert_eq!(seen, expected);
+    assert_eq!(states, expected);
 }
 
 /// Every axis stops on its own after the published setpoints. Returns the acceleration and jerk of X and Y as
@@ -503,7 +507,7 @@ fn other_axes_stop_when_one_axis_leaves_its_travel() {
         acceleration: 2000.0,
         jerk: 50_000.0,
     };
-    let mut queue = lie(&[diagonal], scalar, &[0.0]);
+    let mut queue = unchecked_plan(&[diagonal], scalar, &[0.0]);
     let mut motion = PathExecutor::new(limits, 1_000_000, start);
     let mut published = vec![start; 3];
     while !motion.is_over() {

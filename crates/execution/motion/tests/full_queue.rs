@@ -134,7 +134,7 @@ fn answers_that_came_to_nothing_do_not_stop_the_next() {
     assert!(refusals > 8, "{refusals} answers came to nothing");
 }
 
-/// A dropped plan fills the queue after the place that is reserved for the step after a stop, and failed
+/// A dropped plan fills the queue after the slot that is reserved for the step after a stop, and failed
 /// replies take the rest: the step after the stop must still fit.
 #[test]
 fn the_step_after_a_stop_fits_beside_a_dropped_plan() {
@@ -178,7 +178,7 @@ fn the_step_after_a_stop_fits_beside_a_dropped_plan() {
                 planner.finish(9999).ok()
             });
             let mut feed_override = 1.0;
-            let mut asked_at = None;
+            let mut requested_at = None;
             let mut last = scenario.moves[0].curve.start()[0];
             let mut is_stuck = false;
             for cycle in 0..6000 {
@@ -191,16 +191,16 @@ fn the_step_after_a_stop_fits_beside_a_dropped_plan() {
                     break;
                 }
                 // The request for it gets a reply and is then withdrawn for a lower override.
-                if asked_at.is_none() && last > -4.0 {
-                    (feed_override, asked_at) = (1.3, Some(cycle));
+                if requested_at.is_none() && last > -4.0 {
+                    (feed_override, requested_at) = (1.3, Some(cycle));
                 }
-                let since_asked = asked_at.map_or(0, |at| cycle - at);
-                if since_asked == 2 {
+                let since_request = requested_at.map_or(0, |at| cycle - at);
+                if since_request == 2 {
                     counts_beyond(&polls, 20);
                     more.store(true, Ordering::Relaxed);
                     counts_beyond(&waits, 50);
                     feed_override = 0.9;
-                } else if since_asked > 2 && (since_asked - 2) % every == 0 {
+                } else if since_request > 2 && (since_request - 2) % every == 0 {
                     feed_override *= 0.96;
                 }
                 let inputs = Inputs {

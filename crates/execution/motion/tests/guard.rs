@@ -209,7 +209,7 @@ fn published_setpoints_keep_limits_on_guard_stops() {
 #[test]
 fn guard_stops_in_a_hold_keep_limits() {
     let (mut random, cases) = campaign(0x1401_0012, 60);
-    let (mut most, mut provoked) = ([0.0_f64; 3], 0);
+    let (mut max, mut provoked) = ([0.0_f64; 3], 0);
     for case in 0..cases {
         let rate = [250.0, 1000.0, 4000.0][case % 3];
         let scenario = scenario(&mut random, rate);
@@ -232,8 +232,8 @@ fn guard_stops_in_a_hold_keep_limits() {
         }
         provoked += 1;
         let [v, a, j] = ratios(&scenario, &out);
-        for (most, ratio) in most.iter_mut().zip([v, a, j]) {
-            *most = most.max(ratio);
+        for (max, ratio) in max.iter_mut().zip([v, a, j]) {
+            *max = max.max(ratio);
         }
         let what = format!(
             "case {case} at {rate} Hz: {falsified:?}: {v} {a} {j}, {:?}",
@@ -241,6 +241,6 @@ fn guard_stops_in_a_hold_keep_limits() {
         );
         assert!(a <= 1.002 && j <= 1.021, "{what}");
     }
-    println!("{provoked} of {cases}, worst ratios {most:.5?}");
+    println!("{provoked} of {cases}, worst ratios {max:.5?}");
     assert!(provoked > cases / 20, "{provoked} of {cases} provoked the guard");
 }

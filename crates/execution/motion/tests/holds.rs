@@ -51,20 +51,20 @@ fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {
 
 /// The minimum time in which an axis stops from velocity `v` and acceleration `a`, at any position: `J` to
 /// `-a_p`, `a_p` at most `A`, and `J` back to zero.
-fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
+fn axis_to_rest(v: f64, a: f64, max_a: f64, jerk: f64) -> f64 {
     // The velocity after the acceleration has been released has to fall.
     let falls = v + a * a.abs() / (2.0 * jerk) >= 0.0;
     let (v, a) = if falls { (v, a) } else { (-v, -a) };
     let peak = (jerk * v + 0.5 * a * a).max(0.0).sqrt();
-    if peak <= most {
+    if peak <= max_a {
         (a + 2.0 * peak) / jerk
     } else {
-        (a + 2.0 * most) / jerk + (v + 0.5 * a * a / jerk - most * most / jerk) / most
+        (a + 2.0 * max_a) / jerk + (v + 0.5 * a * a / jerk - max_a * max_a / jerk) / max_a
     }
 }
 
 /// A lower bound for a stop on any path: every axis has to stop.
-fn least_stop(from: &Setpoint, limits: &Limits) -> f64 {
+fn min_stop_s(from: &Setpoint, limits: &Limits) -> f64 {
     (0..AXES)
         .filter(|&i| limits.present[i])
         .map(|i| {
@@ -129,13 +129,13 @@ fn ratios_of_holds(random: &mut Random, scenario: &Scenario, case: usize) -> Vec
         );
         let (held, rest) = hold_at(scenario, moment, frozen, &what);
         let took = (rest - moment) as f64 * period;
-        let least = least_stop(&plain[moment - 1], &scenario.limits);
-        ratios.push((took - 0.015) / least);
+        let min_s = min_stop_s(&plain[moment - 1], &scenario.limits);
+        ratios.push((took - 0.015) / min_s);
         println!(
             "{what}: {:.1} mm/s, {:.1} ms, no axis sooner than {:.1} ms",
             plain[moment - 1].feed_mm_s,
             took * 1e3,
-            least * 1e3
+            min_s * 1e3
         );
         // Never faster than the undisturbed plan at the same position.
         let mut k = moment - 1;
@@ -228,12 +228,12 @@ fn holds_at_jerk_peaks_of_a_plan_stop_soon() {
         (0..6).for_each(|_| {
             let _draw = random.unit();
         });
-        for (_, moment, most) in LONG_HOLDS.iter().filter(|hold| hold.0 == case) {
+        for (_, moment, max_s) in LONG_HOLDS.iter().filter(|hold| hold.0 == case) {
             let what = format!("case {case}, hold at {moment}");
             let (_, rest) = hold_at(&scenario, *moment, true, &what);
             let took = (rest - moment) as f64 * scenario.period_ns as f64 * 1e-9;
             println!("{what}: {:.1} ms", took * 1e3);
-            assert!(took <= *most, "{what}: {took} s");
+            assert!(took <= *max_s, "{what}: {took} s");
         }
     }
 }
@@ -360,8 +360,8 @@ fn the_longest_stop_of_a_plan_matches_a_hold() {
         let (scenario, parts) = longest_stop_case(&mut random, case);
         let ratio = longest_stop(&scenario, &parts, case);
         // The margin for coarse setpoints is wider.
-        let least = [0.8, 0.85][case % 2];
-        assert!(ratio >= least, "case {case}: {ratio}");
+        let min_ratio = [0.8, 0.85][case % 2];
+        assert!(ratio >= min_ratio, "case {case}: {ratio}");
     }
 }
 

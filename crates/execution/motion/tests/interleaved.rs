@@ -17,7 +17,7 @@ use crate::common::{Random, Scenario, campaign, forward_to_sink, scenario};
 /// Maximum number of changes of the override at one rest; after them the axes can move again.
 const MAX_CHANGES: u32 = 12;
 /// Probability of a cycle between a reply and the plan that follows it.
-const AFTER_ANSWER: f64 = 0.5;
+const AFTER_REPLY: f64 = 0.5;
 /// Probability of a cycle between two parts of a plan, which has hundreds.
 const WITHIN_PLAN: f64 = 0.02;
 
@@ -138,7 +138,7 @@ impl PlanSink for Interrupted {
 
     fn reply(&mut self, reply: ReplanReply) {
         self.sink.reply(reply);
-        self.interrupt(AFTER_ANSWER);
+        self.interrupt(AFTER_REPLY);
     }
 }
 

@@ -13,8 +13,8 @@ use crate::common::{BLEND, Pair, Scenario, check, equal_axes};
 /// Maximum relative error of the feed.
 const ALLOWED: f64 = 1e-3;
 /// Maximum relative deficit of the feed on the first interval after a decrease along varying caps: the
-/// stations there are as far apart as the speed before the decrease required.
-const BEHIND_A_WAY_DOWN: f64 = 2.5e-3;
+/// grid points there are as far apart as the speed before the decrease required.
+const ALLOWED_AFTER_DECREASE: f64 = 2.5e-3;
 
 fn scenario(moves: Vec<Move>) -> Scenario {
     Scenario {
@@ -63,12 +63,12 @@ fn wave() -> Scenario {
 }
 
 /// Drives this many cycles.
-fn drive(scenario: &Scenario, cycles: usize, wish: impl Fn(u64) -> f64) -> Vec<Setpoint> {
+fn drive(scenario: &Scenario, cycles: usize, requested: impl Fn(u64) -> f64) -> Vec<Setpoint> {
     let mut pair = Pair::new(scenario);
     let mut out = Vec::new();
     while out.len() < cycles {
         pair.plan_ahead(scenario);
-        let feed_override = wish(out.len() as u64);
+        let feed_override = requested(out.len() as u64);
         out.push(pair.step(&Inputs {
             feed_override,
             ..Inputs::default()
@@ -103,19 +103,21 @@ fn the_feed_is_exact_to_1e_3_at_overrides_up_to_2() {
         ] {
             let change = 600;
             let setpoints = drive(&scenario, 2000, |cycle| if cycle < change { from } else { to });
-            for (wish, part) in [(from, 400..600), (to, 1000..2000)] {
-                let wanted = 30.0 * wish;
+            for (requested, part) in [(from, 400..600), (to, 1000..2000)] {
+                let wanted = 30.0 * requested;
                 let ratios = setpoints[part].iter().map(|s| s.feed_mm_s / wanted);
                 let (low, high) = ratios.fold((f64::INFINITY, 0.0_f64), |(low, high), ratio| {
                     (low.min(ratio), high.max(ratio))
                 });
                 let below = if (name, from, to) == ("wave", 2.0, 0.003) {
-                    BEHIND_A_WAY_DOWN
+                    ALLOWED_AFTER_DECREASE
                 } else {
                     ALLOWED
                 };
                 if low < 1.0 - below || high > 1.0 + ALLOWED {
-                    faults.push(format!("{name} {from} -> {to}: at {wish} {low:.5} to {high:.5}"));
+                    faults.push(format!(
+                        "{name} {from} -> {to}: at {requested} {low:.5} to {high:.5}"
+                    ));
                 }
             }
         }

@@ -33,7 +33,7 @@ struct Outcome {
     /// Setpoints of the probing move alone.
     moved: Vec<Setpoint>,
     all: Vec<Setpoint>,
-    seen_at: Option<Axes>,
+    contact_at: Option<Axes>,
     allocations: usize,
 }
 
@@ -100,7 +100,7 @@ fn run(
         Scene::Silent => ProbeState::Unknown,
         _ => away,
     };
-    let mut seen_at = None;
+    let mut contact_at = None;
     while !motion.is_over() {
         if result.is_none() {
             planner.poll().expect("taken");
@@ -118,7 +118,7 @@ fn run(
                 probe.now.state = if is_on { changed } else { away };
                 if since == cycle {
                     let at = all.last().expect("one").position;
-                    seen_at = Some(at);
+                    contact_at = Some(at);
                     probe.now.locate_change(std::array::from_fn(|axis| at[axis]));
                 }
             }
@@ -176,7 +176,7 @@ fn run(
         result: result.expect("a result"),
         moved,
         all,
-        seen_at,
+        contact_at,
         allocations,
     }
 }
@@ -282,10 +282,10 @@ fn a_probing_move_stops_within_limits_and_goes_on() {
             Scene::Changes { .. } => {
                 met[0] += 1;
                 assert_eq!(result.verdict, ProbeVerdict::Contact, "{what}");
-                let seen = outcome.seen_at.expect("a contact");
-                assert_eq!(result.position, seen, "{what}");
+                let contact = outcome.contact_at.expect("a contact");
+                assert_eq!(result.position, contact, "{what}");
                 // The distance after the contact: at most the computed one, and never beyond the end.
-                let beyond = (result.stop_position - seen).norm();
+                let beyond = (result.stop_position - contact).norm();
                 let max = order.stopping_distance(&machine) + 1e-9;
                 assert!(beyond <= max, "{what}: {beyond} mm of {max}");
                 assert!((result.stop_position - from).norm() <= length + 1e-9, "{what}");

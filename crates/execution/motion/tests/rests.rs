@@ -54,7 +54,7 @@ fn a_held_feed_before_a_rapid_is_no_rapid() {
             planner,
         };
         let mut pair = Pair::new(&scenario);
-        let (mut was_held, mut seen) = (false, Vec::new());
+        let (mut was_held, mut positions) = (false, Vec::new());
         for cycle in 0..4000 {
             pair.plan_ahead(&scenario);
             let hold = (200..400).contains(&cycle);
@@ -69,12 +69,12 @@ fn a_held_feed_before_a_rapid_is_no_rapid() {
             } else if x > 10.0 && setpoint.velocity[0] > 0.0 {
                 assert!(pair.motion.is_rapid(), "{planner:?}: a feed at {x}");
             }
-            seen.push(x);
+            positions.push(x);
             if pair.motion.is_over() {
                 break;
             }
         }
         assert!(was_held, "{planner:?}");
-        assert_eq!(seen.last(), Some(&40.0), "{planner:?}");
+        assert_eq!(positions.last(), Some(&40.0), "{planner:?}");
     }
 }

@@ -174,8 +174,8 @@ fn ported(limits: &evolvent_machine::Limits, from: &AxesState, to: &AxesState) -
         input.max_jerk[i] = unit * limits.jerk[i];
     }
     let mut trajectory = Trajectory::<3>::new(None);
-    let answer = Ruckig::<3, IgnoreErrorHandler>::new(None, 0.001).calculate(&input, &mut trajectory);
-    matches!(answer, Ok(RuckigResult::Working | RuckigResult::Finished)).then(|| trajectory.get_duration())
+    let result = Ruckig::<3, IgnoreErrorHandler>::new(None, 0.001).calculate(&input, &mut trajectory);
+    matches!(result, Ok(RuckigResult::Working | RuckigResult::Finished)).then(|| trajectory.get_duration())
 }
 
 #[test]

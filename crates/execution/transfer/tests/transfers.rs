@@ -45,9 +45,9 @@ fn verify(limits: &Limits, from: &AxesState, to: &AxesState, transfer: &Transfer
         if let Some(last) = transfer.track(letter).pieces().last() {
             let end = transfer.track(letter).duration_s();
             let before = transfer.at(end * (1.0 - 1e-12));
-            let room = 1e-9 + limits.velocity[i] * end * 2e-12;
+            let margin = 1e-9 + limits.velocity[i] * end * 2e-12;
             assert!(
-                (before.position[i] - to.position[i]).abs() <= room,
+                (before.position[i] - to.position[i]).abs() <= margin,
                 "{what}: axis {i} jumps at its end"
             );
             assert!(last.duration_s > 0.0, "{what}");

@@ -86,14 +86,14 @@ fn status(thread: i32) -> Vec<(String, String)> {
         .collect()
 }
 
-struct Seen {
+struct ThreadReport {
     who: &'static str,
     thread: i32,
     deeds: Vec<(&'static str, bool)>,
 }
 
-fn look(who: &'static str, door: std::net::SocketAddr, out: &Sender<Seen>) {
-    let _nobody = out.send(Seen {
+fn send_report(who: &'static str, door: std::net::SocketAddr, out: &Sender<ThreadReport>) {
+    let _nobody = out.send(ThreadReport {
         who,
         // SAFETY: no memory is concerned.
         thread: unsafe { libc::gettid() },
@@ -102,7 +102,7 @@ fn look(who: &'static str, door: std::net::SocketAddr, out: &Sender<Seen>) {
 }
 
 /// Runs a bridge beside a core and lets both of its threads try everything.
-fn try_everything<const UDP: bool>(prefix: &str) -> (Vec<Seen>, Vec<String>) {
+fn try_everything<const UDP: bool>(prefix: &str) -> (Vec<ThreadReport>, Vec<String>) {
     let machine =
         Machine::parse(&evolvent_file_tests::shipped("machines/mill-3axis.toml"), "mill").expect("a machine");
     let mut config = BusConfig::new("confined", "XYZ", 1_000_000);
@@ -111,11 +111,11 @@ fn try_everything<const UDP: bool>(prefix: &str) -> (Vec<Seen>, Vec<String>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a socket");
     let door = listener.local_addr().expect("its address");
     let stop = AtomicBool::new(false);
-    let (out, seen) = channel();
-    let told = Mutex::new(Vec::new());
+    let (out, reports) = channel();
+    let messages = Mutex::new(Vec::new());
     let mut found = Vec::new();
     std::thread::scope(|scope| {
-        let (stop, told, machine) = (&stop, &told, &machine);
+        let (stop, messages, machine) = (&stop, &messages, &machine);
         let (of_bus, of_session) = (out.clone(), out);
         scope.spawn(move || {
             let settings = BridgeSettings {
@@ -124,14 +124,14 @@ fn try_everything<const UDP: bool>(prefix: &str) -> (Vec<Seen>, Vec<String>) {
                 prefix: Some(prefix),
                 duration: Some(Duration::from_secs(20)),
             };
-            let tell = |text: &str| {
+            let on_message = |text: &str| {
                 if text.starts_with("core found") {
-                    look("bus", door, &of_bus);
+                    send_report("bus", door, &of_bus);
                 }
-                told.lock().expect("no panic").push(text.to_owned());
+                messages.lock().expect("no panic").push(text.to_owned());
             };
-            run_bridge(settings, &Bench::<UDP>, stop, tell, |ends| {
-                look("session", door, &of_session);
+            run_bridge(settings, &Bench::<UDP>, stop, on_message, |ends| {
+                send_report("session", door, &of_session);
                 while !ends.stop.load(Ordering::Relaxed) {
                     std::thread::sleep(Duration::from_millis(1));
                 }
@@ -140,7 +140,7 @@ fn try_everything<const UDP: bool>(prefix: &str) -> (Vec<Seen>, Vec<String>) {
             .expect("a bridge that runs");
         });
         for _ in 0..2 {
-            let one = seen
+            let one = reports
                 .recv_timeout(Duration::from_secs(20))
                 .expect("both threads to try");
             for (key, value) in status(one.thread) {
@@ -162,8 +162,8 @@ fn try_everything<const UDP: bool>(prefix: &str) -> (Vec<Seen>, Vec<String>) {
     });
     drop(core);
     let _removed = remove_private_domain(prefix);
-    let told = told.into_inner().expect("no panic");
-    (found.into_iter().map(|(one, _)| one).collect(), told)
+    let messages = messages.into_inner().expect("no panic");
+    (found.into_iter().map(|(one, _)| one).collect(), messages)
 }
 
 #[test]
@@ -174,21 +174,22 @@ fn threads_of_a_bridge_can_do_nothing_but_their_work() {
     assert!(free.iter().any(|(what, done)| *what == "read a file" && *done));
     for (udp, prefix) in [(false, "conf_a_"), (true, "conf_b_")] {
         let prefix = format!("{prefix}{}_", std::process::id());
-        let (seen, told) = if udp {
+        let (reports, messages) = if udp {
             try_everything::<true>(&prefix)
         } else {
             try_everything::<false>(&prefix)
         };
         let lacks = |what: &str| {
-            told.iter()
+            messages
+                .iter()
                 .any(|text| text.starts_with("rights:") && text.contains(what))
         };
-        for one in &seen {
+        for one in &reports {
             for (what, done) in &one.deeds {
                 let may = udp && one.who == "session" && *what == "open a UDP socket";
                 let by_files = matches!(*what, "read a file" | "list a folder" | "write a file");
                 if lacks(if by_files { "files" } else { "system calls" }) {
-                    println!("not measured: {what}: {told:?}");
+                    println!("not measured: {what}: {messages:?}");
                     continue;
                 }
                 assert_eq!(*done, may, "{} with UDP {udp}: {what}", one.who);

@@ -44,23 +44,23 @@ fn this_thread() -> i32 {
 }
 
 /// Observations of a bridge: scheduling of its threads, locked memory, and its messages.
-struct Seen {
+struct Observed {
     threads: Vec<(&'static str, (String, String))>,
     locked_kib: u64,
-    told: Vec<String>,
+    messages: Vec<String>,
 }
 
 /// Runs a bridge with a core, and `prepare` at the beginning of its thread.
-fn run_one(machine: &Machine, name: &str, prepare: fn()) -> Seen {
+fn run_one(machine: &Machine, name: &str, prepare: fn()) -> Observed {
     let prefix = format!("rtbr_{name}{}_", std::process::id());
     let mut config = BusConfig::new("real-time", "XYZ", 1_000_000);
     config.prefix = Some(prefix.clone());
     let core = CoreBus::open(&config).expect("a bus");
     let stop = AtomicBool::new(false);
-    let told = Mutex::new(Vec::new());
+    let messages = Mutex::new(Vec::new());
     let (out, threads) = channel();
-    let seen = std::thread::scope(|scope| {
-        let (stop, told, prefix) = (&stop, &told, prefix.as_str());
+    let observed = std::thread::scope(|scope| {
+        let (stop, messages, prefix) = (&stop, &messages, prefix.as_str());
         let (of_bus, of_session): (Sender<_>, Sender<_>) = (out.clone(), out);
         scope.spawn(move || {
             prepare();
@@ -70,13 +70,13 @@ fn run_one(machine: &Machine, name: &str, prepare: fn()) -> Seen {
                 prefix: Some(prefix),
                 duration: Some(Duration::from_secs(20)),
             };
-            let tell = |text: &str| {
+            let on_message = |text: &str| {
                 if text.starts_with("core found") {
                     let _nobody = of_bus.send(("bus", this_thread()));
                 }
-                told.lock().expect("no panic").push(text.to_owned());
+                messages.lock().expect("no panic").push(text.to_owned());
             };
-            run_bridge(settings, &Bench::<false>, stop, tell, |ends| {
+            run_bridge(settings, &Bench::<false>, stop, on_message, |ends| {
                 let _nobody = of_session.send(("session", this_thread()));
                 while !ends.stop.load(Ordering::Relaxed) {
                     std::thread::sleep(Duration::from_millis(1));
@@ -99,10 +99,10 @@ fn run_one(machine: &Machine, name: &str, prepare: fn()) -> Seen {
     });
     drop(core);
     let _removed = remove_private_domain(&prefix);
-    Seen {
-        threads: seen.0,
-        locked_kib: seen.1,
-        told: told.into_inner().expect("no panic"),
+    Observed {
+        threads: observed.0,
+        locked_kib: observed.1,
+        messages: messages.into_inner().expect("no panic"),
     }
 }
 
@@ -127,9 +127,9 @@ fn mill() -> Machine {
     machine
 }
 
-fn notes(seen: &Seen) -> Vec<&str> {
-    let told = seen.told.iter().map(String::as_str);
-    told.filter(|text| text.starts_with("note: ")).collect()
+fn notes(observed: &Observed) -> Vec<&str> {
+    let messages = observed.messages.iter().map(String::as_str);
+    messages.filter(|text| text.starts_with("note: ")).collect()
 }
 
 fn set_limit(resource: Resource, bytes: Option<u64>) {
@@ -151,31 +151,31 @@ fn in_a_process(test: &str) -> Option<String> {
         .env("EVOLVENT_REAL_TIME_CHILD", "1")
         .output()
         .expect("to start");
-    let said = format!(
+    let printed = format!(
         "{}{}",
         String::from_utf8_lossy(&output.stdout),
         String::from_utf8_lossy(&output.stderr)
     );
-    assert!(output.status.success(), "{said}");
-    Some(said)
+    assert!(output.status.success(), "{printed}");
+    Some(printed)
 }
 
 #[test]
 fn what_the_system_refuses_is_told_once() {
-    if let Some(said) = in_a_process("what_the_system_refuses_is_told_once") {
-        println!("{said}");
+    if let Some(printed) = in_a_process("what_the_system_refuses_is_told_once") {
+        println!("{printed}");
         return;
     }
     set_limit(Resource::Rtprio, Some(0));
-    let most = getrlimit(Resource::Memlock).maximum.unwrap_or(u64::MAX);
-    set_limit(Resource::Memlock, Some(most.min(8 << 20)));
-    let seen = run_one(&mill(), "without", drop_rights);
-    for (who, (policy, _)) in &seen.threads {
+    let max = getrlimit(Resource::Memlock).maximum.unwrap_or(u64::MAX);
+    set_limit(Resource::Memlock, Some(max.min(8 << 20)));
+    let observed = run_one(&mill(), "without", drop_rights);
+    for (who, (policy, _)) in &observed.threads {
         assert_eq!(policy, "0", "{who}: SCHED_OTHER");
     }
-    assert_eq!(seen.locked_kib, 0);
-    let notes = notes(&seen);
-    assert_eq!(notes.len(), 2, "each once: {:?}", seen.told);
+    assert_eq!(observed.locked_kib, 0);
+    let notes = notes(&observed);
+    assert_eq!(notes.len(), 2, "each once: {:?}", observed.messages);
     assert!(notes[0].contains("memory of the bridge is not locked") && notes[0].contains("memlock"));
     let wanted = "no real-time scheduling of the bridge at priority 35";
     assert!(notes[1].contains(wanted), "{notes:?}");
@@ -185,25 +185,25 @@ fn what_the_system_refuses_is_told_once() {
 fn both_threads_run_in_real_time() {
     let mut machine = mill();
     machine.realtime.lock_memory = false;
-    let seen = run_one(&machine, "fifo", || {});
+    let observed = run_one(&machine, "fifo", || {});
     let rights = capabilities(None).expect("the sets of this thread").effective;
     let may_raise = rights.contains(CapabilitySet::SYS_NICE)
-        || getrlimit(Resource::Rtprio).current.is_none_or(|most| most >= 35);
+        || getrlimit(Resource::Rtprio).current.is_none_or(|max| max >= 35);
     if !may_raise {
         println!("not measured: this user may not run in real time");
         return;
     }
-    for (who, scheduling) in &seen.threads {
+    for (who, scheduling) in &observed.threads {
         let wanted = ("1".to_owned(), "35".to_owned());
         assert_eq!(*scheduling, wanted, "{who}: SCHED_FIFO, two below the cycle");
     }
-    assert!(notes(&seen).is_empty(), "{:?}", seen.told);
+    assert!(notes(&observed).is_empty(), "{:?}", observed.messages);
 }
 
 #[test]
 fn memory_is_locked_if_the_machine_file_says_so() {
-    if let Some(said) = in_a_process("memory_is_locked_if_the_machine_file_says_so") {
-        println!("{said}");
+    if let Some(printed) = in_a_process("memory_is_locked_if_the_machine_file_says_so") {
+        println!("{printed}");
         return;
     }
     let mut unlocked = mill();
@@ -216,11 +216,11 @@ fn memory_is_locked_if_the_machine_file_says_so() {
         println!("not measured: this user's memlock is limited");
         return;
     }
-    let seen = run_one(&mill(), "locked", || {});
-    assert!(seen.locked_kib > 1024, "{} KiB", seen.locked_kib);
+    let observed = run_one(&mill(), "locked", || {});
+    assert!(observed.locked_kib > 1024, "{} KiB", observed.locked_kib);
     assert!(
-        !notes(&seen).iter().any(|note| note.contains("memory")),
+        !notes(&observed).iter().any(|note| note.contains("memory")),
         "{:?}",
-        seen.told
+        observed.messages
     );
 }

@@ -551,18 +551,18 @@ fn texts_of_commands_keep_to_their_room() {
 fn domain_is_removed_after_its_last_process_ends() {
     let domain = PrivateDomain::new();
     let (ends, config) = (Arc::new(AtomicBool::new(false)), domain.core("mill"));
-    let (tell, told) = std::sync::mpsc::channel();
+    let (sender, receiver) = std::sync::mpsc::channel();
     let ending = std::thread::spawn({
         let ends = Arc::clone(&ends);
         move || {
             let core = CoreBus::open(&config).expect("a core");
-            tell.send(()).expect("a listener");
+            sender.send(()).expect("a listener");
             std::thread::sleep(Duration::from_millis(500));
             ends.store(true, Ordering::Relaxed);
             drop(core);
         }
     });
-    told.recv().expect("a core");
+    receiver.recv().expect("a core");
     drop(domain);
     assert!(
         ends.load(Ordering::Relaxed),

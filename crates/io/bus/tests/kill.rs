@@ -52,7 +52,7 @@ fn start(prefix: &str) -> Child {
 
 /// Waits for a setpoint of a child. Each setpoint has its process number, which distinguishes it from those
 /// of an earlier core.
-fn hear(setpoints: &mut SetpointReader, child: &Child) {
+fn wait_for_setpoint(setpoints: &mut SetpointReader, child: &Child) {
     let begin = Instant::now();
     loop {
         match setpoints.receive().expect("received") {
@@ -68,7 +68,7 @@ fn hear(setpoints: &mut SetpointReader, child: &Child) {
 fn start_to_publish(domain: &PrivateDomain) -> Child {
     let child = start(&domain.prefix);
     let client = domain.client("mill");
-    hear(&mut client.setpoints().expect("a reader"), &child);
+    wait_for_setpoint(&mut client.setpoints().expect("a reader"), &child);
     child
 }
 
@@ -173,7 +173,7 @@ fn clients_survive_core_death_and_read_next_core() {
     let mut next = Some(child);
     for _ in 0..6 {
         let child = next.take().unwrap_or_else(|| start(&domain.prefix));
-        hear(&mut setpoints, &child);
+        wait_for_setpoint(&mut setpoints, &child);
         std::thread::sleep(Duration::from_micros(random.bits() % 30_000));
         kill(child);
         while setpoints.receive().expect("received").is_some() {}

@@ -167,10 +167,10 @@ fn child(domain: &PrivateDomain, shell: &str) -> String {
         .output()
         .expect("a child");
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    let told = text
+    let message = text
         .split_once("opened: ")
         .map(|(_, rest)| rest.lines().next().unwrap_or_default().to_owned());
-    told.unwrap_or(text)
+    message.unwrap_or(text)
 }
 
 #[test]
@@ -178,10 +178,10 @@ fn too_few_descriptors_are_named_with_the_limit() {
     let domain = PrivateDomain::new();
     assert_eq!(child(&domain, "export EVOLVENT_OWNERS_FILES=4096;"), "yes");
     for limit in [12, 20, 40] {
-        let told = child(&domain, &format!("export EVOLVENT_OWNERS_FILES={limit};"));
+        let message = child(&domain, &format!("export EVOLVENT_OWNERS_FILES={limit};"));
         assert!(
-            told.contains(&format!("may have {limit}")) && told.contains("ulimit -n"),
-            "{limit}: {told}"
+            message.contains(&format!("may have {limit}")) && message.contains("ulimit -n"),
+            "{limit}: {message}"
         );
     }
 }
@@ -192,21 +192,24 @@ fn folder_of_another_user_is_refused_with_remedy() {
         return;
     }
     let domain = PrivateDomain::new();
-    let place = tempfile::tempdir().expect("a folder");
-    let folder = place.path().join("bus");
+    let parent = tempfile::tempdir().expect("a folder");
+    let folder = parent.path().join("bus");
     std::fs::create_dir(&folder).expect("a folder");
     let export = format!("export EVOLVENT_RUNTIME_DIR={};", folder.display());
     assert_eq!(child(&domain, &export), "yes");
     chown(&folder, Some(NOBODY), None).expect("another owner");
-    let told = child(&domain, &export);
+    let message = child(&domain, &export);
     assert!(
-        told.contains("belongs to user nobody") && told.contains("run this as user nobody"),
-        "{told}"
+        message.contains("belongs to user nobody") && message.contains("run this as user nobody"),
+        "{message}"
     );
     chown(&folder, Some(0), None).expect("ours again");
     std::fs::set_permissions(&folder, std::fs::Permissions::from_mode(0o777)).expect("rights");
-    let told = child(&domain, &export);
-    assert!(told.contains("mode 777") && told.contains("chmod 700"), "{told}");
+    let message = child(&domain, &export);
+    assert!(
+        message.contains("mode 777") && message.contains("chmod 700"),
+        "{message}"
+    );
     // The counter of that folder, which no other process uses.
     for counter in counters(&domain) {
         std::fs::remove_file(counter).expect("removed");

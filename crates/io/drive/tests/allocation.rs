@@ -93,12 +93,12 @@ fn drive_period_allocates_nothing() {
             bridge_state: target.state.number(),
             ..Feedback::default()
         };
-        let seen = watch.step(
+        let result = watch.step(
             now_ns,
             &DriveSetpoint::of(&setpoint),
             (cycle % 7 != 0).then_some(&feedback),
         );
-        alarms += u32::from(seen.is_err());
+        alarms += u32::from(result.is_err());
         std::hint::black_box(lock.step(Some(target.phase_error_ns)));
     }
     assert_eq!(calls(), before);

@@ -101,7 +101,7 @@ fn drive_in(state: DriveState, option: QuickStopOption) -> DriveMachine {
         ..ready
     };
     let mut drive = DriveMachine::new(option);
-    let way: &[(u16, DriveEvents)] = match state {
+    let transitions: &[(u16, DriveEvents)] = match state {
         DriveState::NotReadyToSwitchOn => &[],
         DriveState::SwitchOnDisabled => &[(0, ready)],
         DriveState::ReadyToSwitchOn => &[(0, ready), (0x06, ready)],
@@ -127,7 +127,7 @@ fn drive_in(state: DriveState, option: QuickStopOption) -> DriveMachine {
             ),
         ],
     };
-    for (word, events) in way {
+    for (word, events) in transitions {
         drive.step(*word, *events);
     }
     assert_eq!(drive.state(), state);

@@ -189,10 +189,10 @@ impl Trial {
             ..Feedback::default()
         };
         if self.gantry.fault().is_none() {
-            let seen = self
+            let result = self
                 .watch
                 .step(now_ns, &DriveSetpoint::of(&setpoint), Some(&feedback));
-            if let Err(alarm) = seen {
+            if let Err(alarm) = result {
                 panic!("{alarm:?}");
             }
         }
@@ -209,8 +209,8 @@ impl Trial {
 
     /// Moves until the home switch has the state `closed`. Returns the position then, or `None` if the gantry
     /// has failed.
-    fn until(&mut self, closed: bool, way: f64, speed: f64, max_periods: u32) -> Option<f64> {
-        let goal = self.setpoint + way;
+    fn until(&mut self, closed: bool, distance: f64, speed: f64, max_periods: u32) -> Option<f64> {
+        let goal = self.setpoint + distance;
         for _ in 0..max_periods {
             let (position, switch) = self.core(Some(goal), speed);
             self.gantry.fault().is_none().then_some(())?;

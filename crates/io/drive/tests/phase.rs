@@ -16,15 +16,15 @@ fn cycles_to_the_drift(row: usize, delay: usize) -> usize {
         delay_cycles: delay as u32,
         target_ns: 0,
     });
-    let mut on_the_way: VecDeque<f64> = VecDeque::new();
+    let mut in_transit: VecDeque<f64> = VecDeque::new();
     let (mut error, mut known_from) = (0.0, None);
     for cycle in 0..200_000 {
-        on_the_way.push_back(error);
-        let newest = (on_the_way.len() > delay)
-            .then(|| on_the_way.pop_front())
+        in_transit.push_back(error);
+        let newest = (in_transit.len() > delay)
+            .then(|| in_transit.pop_front())
             .flatten()
             .filter(|_| cycle % row == 0);
-        error += PERIOD_NS as f64 * DRIFT - lock.step(newest.map(|seen| seen as i64)) as f64;
+        error += PERIOD_NS as f64 * DRIFT - lock.step(newest.map(|measured| measured as i64)) as f64;
         let is_known = (lock.drift_ratio() - DRIFT).abs() < 0.1 * DRIFT;
         known_from = is_known.then(|| known_from.unwrap_or(cycle));
     }
@@ -83,18 +83,18 @@ fn run(period_ns: u64, delay: usize, drift_ppm: f64, start_ns: f64, jitter_ns: f
         delay_cycles: delay as u32,
         target_ns: 0,
     });
-    let mut on_the_way: VecDeque<i64> = VecDeque::new();
+    let mut in_transit: VecDeque<i64> = VecDeque::new();
     let mut error = start_ns;
     let mut result = Run {
         errors: Vec::new(),
         corrections: Vec::new(),
     };
     for _ in 0..cycles {
-        on_the_way.push_back((error + random.between(-jitter_ns, jitter_ns)) as i64);
-        let seen = (on_the_way.len() > delay)
-            .then(|| on_the_way.pop_front())
+        in_transit.push_back((error + random.between(-jitter_ns, jitter_ns)) as i64);
+        let measured = (in_transit.len() > delay)
+            .then(|| in_transit.pop_front())
             .flatten();
-        let correction = lock.step(seen);
+        let correction = lock.step(measured);
         error += period_ns as f64 * drift_ppm * 1e-6 - correction as f64;
         result.errors.push(error);
         result.corrections.push(correction);
@@ -158,14 +158,14 @@ fn a_lock_that_has_settled_knows_drift_and_phase() {
                 delay_cycles: delay as u32,
                 target_ns: 0,
             });
-            let mut on_the_way: VecDeque<i64> = VecDeque::new();
+            let mut in_transit: VecDeque<i64> = VecDeque::new();
             let (mut error, mut settled) = (0.5 * period_ns as f64, 0);
             for _ in 0..20_000 {
-                on_the_way.push_back(error as i64);
-                let seen = (on_the_way.len() > delay)
-                    .then(|| on_the_way.pop_front())
+                in_transit.push_back(error as i64);
+                let measured = (in_transit.len() > delay)
+                    .then(|| in_transit.pop_front())
                     .flatten();
-                let correction = lock.step(seen);
+                let correction = lock.step(measured);
                 error += period_ns as f64 * drift_ppm * 1e-6 - correction as f64;
                 if lock.is_settled() {
                     settled += 1;

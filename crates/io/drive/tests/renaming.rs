@@ -71,8 +71,8 @@ impl Bench {
         }
         let wanted = target.position[0] - self.offset;
         if self.is_enabled {
-            let way = (wanted - self.motor).abs() / periods as f64;
-            self.longest = self.longest.max(way);
+            let travel = (wanted - self.motor).abs() / periods as f64;
+            self.longest = self.longest.max(travel);
             self.motor = wanted;
         } else {
             assert!((wanted - self.motor).abs() < 1e-9, "{target:?}");
@@ -262,8 +262,8 @@ struct Core {
 }
 
 impl Core {
-    fn step(&mut self, random: &mut Random, heard: Option<(f64, Target)>) -> Setpoint {
-        let follows = heard.is_some_and(|(_, target)| {
+    fn step(&mut self, random: &mut Random, feedback: Option<(f64, Target)>) -> Setpoint {
+        let follows = feedback.is_some_and(|(_, target)| {
             matches!(target.state, BridgeState::Following | BridgeState::Bridging)
                 && target.datum == self.datum
                 && target.instance(7) == self.instance
@@ -291,7 +291,7 @@ impl Core {
             self.datum += 1;
             self.position += shift;
             self.renamed += shift;
-        } else if let (PowerRequest::Off, Some((position, target))) = (self.power, heard) {
+        } else if let (PowerRequest::Off, Some((position, target))) = (self.power, feedback) {
             if target.datum == self.datum {
                 self.position = position;
             }
@@ -340,15 +340,15 @@ fn run(random: &mut Random, met: &mut Met) {
         is_tied: false,
         instance: 7,
     };
-    let mut heard: VecDeque<(f64, Target)> = VecDeque::new();
+    let mut in_transit: VecDeque<(f64, Target)> = VecDeque::new();
     let mut wire: VecDeque<Setpoint> = VecDeque::new();
     // Permitted difference of their coordinates: none before the bridge has reported an unknown change.
     let (mut alike, mut homes_again) = (0.0, false);
     let (mut held_back, mut pause, mut off) = (0_u64, 0_u64, 0_u64);
     for _ in 0..4000 {
-        let sent = core.step(random, heard.front().copied());
+        let sent = core.step(random, in_transit.front().copied());
         // Faults are more frequent near changes of datum.
-        let is_near = sent.datum != heard.back().map_or(0, |(_, target)| target.datum);
+        let is_near = sent.datum != in_transit.back().map_or(0, |(_, target)| target.datum);
         let chance = if is_near { 6 } else { 300 };
         let trouble = random.below(chance) == 0;
         match random.below(5) {
@@ -367,7 +367,7 @@ fn run(random: &mut Random, met: &mut Met) {
         }
         off = off.saturating_sub(1);
         bench.is_enabled = off == 0
-            && heard
+            && in_transit
                 .back()
                 .is_none_or(|(_, target)| target.power == PowerRequest::On);
         if !bench.is_enabled {
@@ -407,9 +407,9 @@ fn run(random: &mut Random, met: &mut Met) {
                 off_by - alike
             );
         }
-        heard.push_back((bench.motor + bench.offset, target));
-        if heard.len() > 3 {
-            heard.pop_front();
+        in_transit.push_back((bench.motor + bench.offset, target));
+        if in_transit.len() > 3 {
+            in_transit.pop_front();
         }
     }
     // Twice the motion's velocity while setpoints are bridged, and when following begins.

@@ -233,11 +233,11 @@ fn no_start_leaves_the_limits() {
         let velocity = random.log(10.0, 1_000.0);
         let acceleration = random.log(2.0 * velocity, 50.0 * velocity);
         let limits = [velocity, acceleration, random.log(5.0, 200.0) * acceleration];
-        let place = random.between(-1_000.0, 1_000.0);
-        let mut motions = [(); 2].map(|()| RandomMotion::from_rest(place, limits, false));
+        let position = random.between(-1_000.0, 1_000.0);
+        let mut motions = [(); 2].map(|()| RandomMotion::from_rest(position, limits, false));
         let mut actual = [0.0; AXES];
         for held in &mut actual[..2] {
-            *held = place + random.between(-SYNC, SYNC);
+            *held = position + random.between(-SYNC, SYNC);
         }
         let mut bench = Bench::new(settings(period_ns, limits, SYNC), actual);
         // The drives sample between the due times.

@@ -15,7 +15,7 @@ fn a_bridge_that_does_its_work_is_never_complained_of() {
     // Not with every second message missing either, nor with bursts.
     for n in 0..20_000_u64 {
         bench
-            .cycle(|answer| (n % 13 < 6).then_some(answer))
+            .cycle(|feedback| (n % 13 < 6).then_some(feedback))
             .expect("nothing is wrong");
     }
 }
@@ -53,10 +53,10 @@ fn without_a_bridge_the_mode_decides() {
         ..settings()
     });
     for _ in 0..500 {
-        let worst = |answer: Feedback| {
+        let worst = |feedback: Feedback| {
             Some(Feedback {
                 position: [f64::NAN; AXES],
-                ..answer
+                ..feedback
             })
         };
         assert_eq!(bench.cycle(worst), Ok(Presence::Absent));
@@ -77,7 +77,7 @@ fn silence_is_stale_after_the_time_that_was_set() {
 #[test]
 fn a_repeated_sample_is_frozen() {
     let mut bench = running();
-    let old = bench.answer();
+    let old = bench.feedback();
     let (alarm, _) = bench.alarm(100, |_| Some(old));
     assert!(matches!(alarm, DriveAlarm::Frozen { .. }), "{alarm}");
 }
@@ -85,8 +85,8 @@ fn a_repeated_sample_is_frozen() {
 #[test]
 fn fresh_samples_of_dead_encoder_are_a_frozen_axis() {
     let mut bench = running();
-    let position = bench.answer().position;
-    let (alarm, _) = bench.alarm(500, |answer| Some(Feedback { position, ..answer }));
+    let position = bench.feedback().position;
+    let (alarm, _) = bench.alarm(500, |feedback| Some(Feedback { position, ..feedback }));
     assert!(
         matches!(
             alarm,
@@ -103,15 +103,15 @@ fn fresh_samples_of_dead_encoder_are_a_frozen_axis() {
 fn each_number_that_is_none_is_named_by_its_axis() {
     for axis in 0..3 {
         let broken: [fn(&mut Feedback, usize); 4] = [
-            |answer, axis| answer.position[axis] = f64::NAN,
-            |answer, axis| answer.velocity[axis] = f64::INFINITY,
-            |answer, axis| answer.following_error[axis] = f64::NEG_INFINITY,
-            |answer, axis| answer.torque_ratio[axis] = f64::NAN,
+            |feedback, axis| feedback.position[axis] = f64::NAN,
+            |feedback, axis| feedback.velocity[axis] = f64::INFINITY,
+            |feedback, axis| feedback.following_error[axis] = f64::NEG_INFINITY,
+            |feedback, axis| feedback.torque_ratio[axis] = f64::NAN,
         ];
         for spoil in broken {
-            let (alarm, cycles) = running().alarm(1, |mut answer| {
-                spoil(&mut answer, axis);
-                Some(answer)
+            let (alarm, cycles) = running().alarm(1, |mut feedback| {
+                spoil(&mut feedback, axis);
+                Some(feedback)
             });
             assert_eq!((alarm, cycles), (DriveAlarm::NotFinite { axis }, 0));
         }
@@ -121,9 +121,9 @@ fn each_number_that_is_none_is_named_by_its_axis() {
     for _ in 0..10 {
         assert!(
             bench
-                .cycle(|answer| Some(Feedback {
-                    position: [answer.position[0], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, f64::NAN],
-                    ..answer
+                .cycle(|feedback| Some(Feedback {
+                    position: [feedback.position[0], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, f64::NAN],
+                    ..feedback
                 }))
                 .is_ok()
         );
@@ -134,10 +134,10 @@ fn each_number_that_is_none_is_named_by_its_axis() {
 fn fault_switched_off_and_never_ready_differ() {
     let mut bench = running();
     bench.status = DriveState::FaultReactionActive;
-    let (alarm, cycles) = bench.alarm(1, |answer| {
+    let (alarm, cycles) = bench.alarm(1, |feedback| {
         Some(Feedback {
             error_code: 0x7500,
-            ..answer
+            ..feedback
         })
     });
     assert!(
@@ -154,9 +154,9 @@ fn fault_switched_off_and_never_ready_differ() {
     assert_eq!(cycles, 0);
 
     let mut bench = running();
-    let (alarm, _) = bench.alarm(1, |mut answer| {
-        answer.status_word[2] = u32::from(DriveState::SwitchOnDisabled.code());
-        Some(answer)
+    let (alarm, _) = bench.alarm(1, |mut feedback| {
+        feedback.status_word[2] = u32::from(DriveState::SwitchOnDisabled.code());
+        Some(feedback)
     });
     assert!(matches!(alarm, DriveAlarm::DriveOff { axis: 2, .. }), "{alarm}");
 
@@ -166,10 +166,10 @@ fn fault_switched_off_and_never_ready_differ() {
     assert!(matches!(alarm, DriveAlarm::NotEnabled { axis: 0, .. }), "{alarm}");
     assert_eq!(cycles, 101, "the time that was set");
 
-    let (alarm, _) = running().alarm(1, |answer| {
+    let (alarm, _) = running().alarm(1, |feedback| {
         Some(Feedback {
             axes_mask: 0b101,
-            ..answer
+            ..feedback
         })
     });
     assert_eq!(alarm, DriveAlarm::AxisMissing { axis: 1 });
@@ -177,9 +177,9 @@ fn fault_switched_off_and_never_ready_differ() {
 
 #[test]
 fn jump_and_growing_following_error_are_distinguished() {
-    let (alarm, cycles) = running().alarm(3, |mut answer| {
-        answer.position[0] += 2.0;
-        Some(answer)
+    let (alarm, cycles) = running().alarm(3, |mut feedback| {
+        feedback.position[0] += 2.0;
+        Some(feedback)
     });
     assert!(matches!(alarm, DriveAlarm::Jump { axis: 0, .. }), "{alarm}");
     assert_eq!(cycles, 0);
@@ -191,9 +191,9 @@ fn jump_and_growing_following_error_are_distinguished() {
     while found.is_none() && bench.cycle < begin + 200 {
         let off = (bench.cycle - begin) as f64 * 0.01;
         found = bench
-            .cycle(|mut answer| {
-                answer.position[1] += off;
-                Some(answer)
+            .cycle(|mut feedback| {
+                feedback.position[1] += off;
+                Some(feedback)
             })
             .err();
     }
@@ -210,8 +210,8 @@ fn jump_and_growing_following_error_are_distinguished() {
     assert!((error + 0.51).abs() < 1e-9, "{error}");
 }
 
-/// Following begins at a distance from the setpoints, which bridges remove in their own way: until then
-/// nothing may be moved.
+/// Following begins at a distance from the setpoints, and each bridge removes it by its own method. Until then
+/// no axis may move.
 #[test]
 fn drives_are_operational_once_axes_are_at_setpoints() {
     // Distance of Y from its setpoint by cycle, and the cycle from which on it is operational.
@@ -226,9 +226,9 @@ fn drives_are_operational_once_axes_are_at_setpoints() {
             let mut first = None;
             for n in 0..300 {
                 let off = sign * distance(n);
-                let presence = bench.cycle(|mut answer| {
-                    answer.position[1] += off;
-                    Some(answer)
+                let presence = bench.cycle(|mut feedback| {
+                    feedback.position[1] += off;
+                    Some(feedback)
                 });
                 match presence {
                     Ok(Presence::Operational) => first = first.or(Some(n)),
@@ -247,9 +247,9 @@ fn axes_never_at_their_setpoints_are_still_monitored() {
         let mut bench = Bench::new(settings());
         let mut found = None;
         for n in 0..50 {
-            let result = bench.cycle(|mut answer| {
-                answer.position[2] += off + moves * f64::from(n);
-                Some(answer)
+            let result = bench.cycle(|mut feedback| {
+                feedback.position[2] += off + moves * f64::from(n);
+                Some(feedback)
             });
             assert_ne!(result, Ok(Presence::Operational));
             found = found.or(result.err());
@@ -262,9 +262,9 @@ fn axes_never_at_their_setpoints_are_still_monitored() {
         assert!(is_right, "{off} {moves}: {found:?}");
     }
     let mut bench = Bench::new(settings());
-    let far = |mut answer: Feedback| {
-        answer.position[1] += 0.3;
-        Some(answer)
+    let far = |mut feedback: Feedback| {
+        feedback.position[1] += 0.3;
+        Some(feedback)
     };
     assert_eq!(bench.cycle(far), Ok(Presence::Enabling));
     bench.status = DriveState::Fault;
@@ -286,9 +286,9 @@ fn following_error_bound_grows_with_velocity() {
         while found.is_none() && bench.cycle < 2000 {
             let time_s = (bench.cycle as f64 - DELAY as f64 - 50.0) * 1e-3 - trail_s;
             found = bench
-                .cycle(|mut answer| {
-                    answer.position[0] = Bench::position(time_s)[0];
-                    Some(answer)
+                .cycle(|mut feedback| {
+                    feedback.position[0] = Bench::position(time_s)[0];
+                    Some(feedback)
                 })
                 .err();
         }
@@ -308,18 +308,18 @@ fn restarted_stopped_or_foreign_bridge_is_detected() {
 
     let mut bench = running();
     bench.state = BridgeState::Holding;
-    let (alarm, _) = bench.alarm(1, |answer| {
+    let (alarm, _) = bench.alarm(1, |feedback| {
         Some(Feedback {
             note: Note::Silence.number(),
-            ..answer
+            ..feedback
         })
     });
     assert_eq!(alarm, DriveAlarm::BridgeStopped { state: 4, note: 2 });
 
-    let (alarm, _) = running().alarm(1, |answer| {
+    let (alarm, _) = running().alarm(1, |feedback| {
         Some(Feedback {
             sequence: 1 << 40,
-            ..answer
+            ..feedback
         })
     });
     assert!(matches!(alarm, DriveAlarm::Implausible { .. }), "{alarm}");
@@ -332,11 +332,11 @@ fn limit_switch_stops_only_motion_towards_it() {
         while bench.command().velocity[0] * velocity_sign < 50.0 {
             bench.run(1);
         }
-        bench.cycle(|answer| {
+        bench.cycle(|feedback| {
             Some(Feedback {
                 positive_limit_mask: u32::from(positive),
                 negative_limit_mask: u32::from(!positive),
-                ..answer
+                ..feedback
             })
         })
     };
@@ -359,11 +359,11 @@ fn limit_expected_at_one_end_stops_at_the_other() {
         while bench.command().velocity[0] * towards < 50.0 {
             bench.run(1);
         }
-        let both = |answer: Feedback| {
+        let both = |feedback: Feedback| {
             Some(Feedback {
                 positive_limit_mask: 1,
                 negative_limit_mask: 1,
-                ..answer
+                ..feedback
             })
         };
         bench.switches_expected[usize::from(positive)] = AxisMask::one(0);
@@ -383,10 +383,10 @@ fn axes_without_power_raise_no_alarm() {
     bench.status = DriveState::Fault;
     bench.state = BridgeState::Off;
     for n in 0..100 {
-        let presence = bench.cycle(|mut answer| {
-            answer.position[0] += 100.0 * f64::from(n);
-            answer.instance = 9;
-            Some(answer)
+        let presence = bench.cycle(|mut feedback| {
+            feedback.position[0] += 100.0 * f64::from(n);
+            feedback.instance = 9;
+            Some(feedback)
         });
         assert_eq!(presence, Ok(Presence::Idle));
     }
@@ -413,17 +413,17 @@ fn new_datum_is_no_jump_and_missed_one_is_detected() {
         bench.datum = 1;
         bench.shift = 250.0;
         let sent_before = n < DELAY;
-        let result = bench.cycle(|mut answer| {
+        let result = bench.cycle(|mut feedback| {
             if sent_before {
-                answer.datum = 0;
-                answer.position[0] -= 250.0;
+                feedback.datum = 0;
+                feedback.position[0] -= 250.0;
             }
-            Some(answer)
+            Some(feedback)
         });
         assert_eq!(result, Ok(Presence::Operational), "{n}");
     }
     bench.datum = 2;
-    let (alarm, _) = bench.alarm(100, |answer| Some(Feedback { datum: 1, ..answer }));
+    let (alarm, _) = bench.alarm(100, |feedback| Some(Feedback { datum: 1, ..feedback }));
     assert_eq!(
         alarm,
         DriveAlarm::Datum {
@@ -528,9 +528,9 @@ fn bridge_death_is_detected_whatever_its_clock() {
             // Ten messages with the wrong clock, then none.
             let lives = bench.cycle < 210;
             silent += u64::from(!lives);
-            let result = bench.cycle(|mut answer| {
-                answer.time_ns = answer.time_ns.saturating_add(ahead_ns);
-                lives.then_some(answer)
+            let result = bench.cycle(|mut feedback| {
+                feedback.time_ns = feedback.time_ns.saturating_add(ahead_ns);
+                lives.then_some(feedback)
             });
             found = result.err();
         }
@@ -551,9 +551,9 @@ fn a_clock_that_goes_backwards_is_frozen_feedback() {
     let mut found = None;
     for _ in 0..100 {
         back_ns += 2 * PERIOD_NS;
-        let result = bench.cycle(|mut answer| {
-            answer.time_ns -= back_ns;
-            Some(answer)
+        let result = bench.cycle(|mut feedback| {
+            feedback.time_ns -= back_ns;
+            Some(feedback)
         });
         found = found.or(result.err());
     }
@@ -611,16 +611,16 @@ fn encoder_jump_without_power_loses_reference() {
     assert_eq!(lost(&mut bench, 100), 0);
     // Moved by hand, at the maximum velocity of the axis: 0.5 mm per cycle.
     for n in 0..100 {
-        let moved = bench.cycle(|mut answer| {
-            answer.position[1] += 0.5 * f64::from(n);
-            Some(answer)
+        let moved = bench.cycle(|mut feedback| {
+            feedback.position[1] += 0.5 * f64::from(n);
+            Some(feedback)
         });
         assert!(moved.is_ok());
     }
     assert_eq!(bench.watch.take_reference_lost().bits(), 0);
-    let jumped = bench.cycle(|mut answer| {
-        answer.position[1] += 60.0;
-        Some(answer)
+    let jumped = bench.cycle(|mut feedback| {
+        feedback.position[1] += 60.0;
+        Some(feedback)
     });
     assert!(jumped.is_ok());
     assert_eq!(bench.watch.take_reference_lost().bits(), 0b010);

@@ -80,10 +80,10 @@ impl Bench {
         1_000_000_000 + self.cycle * PERIOD_NS
     }
 
-    pub(crate) fn answer(&self) -> Feedback {
+    pub(crate) fn feedback(&self) -> Feedback {
         let [position, velocity] =
             Self::position((self.cycle as f64 - self.delay as f64 - 50.0) * 1e-3 - LAG_S);
-        let mut answer = Feedback {
+        let mut feedback = Feedback {
             sequence: self.cycle.saturating_sub(self.delay),
             time_ns: self.now_ns() - PERIOD_NS / 2,
             axes_mask: AXES_MASK,
@@ -94,9 +94,9 @@ impl Bench {
             status_word: [u32::from(self.status.code() | bits::REMOTE); AXES],
             ..Feedback::default()
         };
-        answer.position[0] = position + self.shift;
-        answer.velocity[0] = velocity;
-        answer
+        feedback.position[0] = position + self.shift;
+        feedback.velocity[0] = velocity;
+        feedback
     }
 
     /// Runs one cycle with modified feedback, or without any if `change` returns `None`.
@@ -104,8 +104,8 @@ impl Bench {
         &mut self,
         change: impl FnOnce(Feedback) -> Option<Feedback>,
     ) -> Result<Presence, DriveAlarm> {
-        let answer = change(self.answer());
-        let result = self.watch.step(self.now_ns(), &self.command(), answer.as_ref());
+        let feedback = change(self.feedback());
+        let result = self.watch.step(self.now_ns(), &self.command(), feedback.as_ref());
         self.cycle += 1;
         result
     }

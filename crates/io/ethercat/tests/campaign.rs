@@ -73,7 +73,7 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, ring: 
     while since.elapsed() < Duration::from_nanos(duration_ns) + Duration::from_millis(2500) {
         core.cycle();
         let speeds = speeds(ring);
-        let fastest = speeds.iter().fold(0.0_f64, |most, speed| most.max(*speed));
+        let fastest = speeds.iter().fold(0.0_f64, |max, speed| max.max(*speed));
         assert!(
             fastest * LEAD_MM < highest,
             "{kind:?} for {duration_ns} ns: {fastest} turns/s"

@@ -56,9 +56,9 @@ fn set_homing(network: &mut Network, device: usize, homing: HomingOnDrive) {
 
 /// Moves X to a position at 10 mm/s and waits until it arrives, even if the host makes the drives stop
 /// meanwhile. Returns the following errors during the motion, mm.
-fn go(core: &mut TrialCore, to: f64) -> Vec<f64> {
+fn move_x(core: &mut TrialCore, to: f64) -> Vec<f64> {
     let begin = Instant::now();
-    let stands = |core: &TrialCore| {
+    let has_stopped = |core: &TrialCore| {
         core.fresh().is_some_and(|feedback| {
             states(&feedback) != [Some(DriveState::OperationEnabled); 3]
                 || matches!(feedback.bridge_state, 3 | 4)
@@ -68,21 +68,21 @@ fn go(core: &mut TrialCore, to: f64) -> Vec<f64> {
     loop {
         let sign = (to - core.position[0]).signum();
         core.velocity_x = 10.0 * sign;
-        while (to - core.position[0]) * sign > 0.0 && !stands(core) {
+        while (to - core.position[0]) * sign > 0.0 && !has_stopped(core) {
             core.cycle();
             errors.extend(core.fresh().map(|feedback| feedback.following_error[0]));
         }
         core.stop();
         let goal = core.position[0];
         let is_there = |feedback: &Feedback| (feedback.position[0] - goal).abs() < 1e-2;
-        while !stands(core) && !core.fresh().is_some_and(|feedback| is_there(&feedback)) {
+        while !has_stopped(core) && !core.fresh().is_some_and(|feedback| is_there(&feedback)) {
             core.cycle();
-            assert!(begin.elapsed() < Duration::from_secs(60), "{:?}", core.heard);
+            assert!(begin.elapsed() < Duration::from_secs(60), "{:?}", core.newest);
         }
-        if !stands(core) {
+        if !has_stopped(core) {
             return errors;
         }
-        println!("the host made the drives stop: {:?}", core.heard);
+        println!("the host made the drives stop: {:?}", core.newest);
         core.fault_reset += 1;
         core.bring_up();
     }
@@ -147,14 +147,14 @@ fn drives_home_in_order_when_power_is_requested() {
                     );
                     core.power = PowerRequest::On;
                     let begin = Instant::now();
-                    let (mut x_first, mut z_most) = (false, 0.0_f64);
+                    let (mut x_first, mut max_z) = (false, 0.0_f64);
                     while !messages.contain("drive of X: machine zero found") {
                         core.cycle();
                         let turns = turns(ring);
                         x_first |=
                             turns[0].abs() > 0.1 && !messages.contain("drive of Y: machine zero found");
-                        z_most = z_most.max(turns[2].abs());
-                        let (_, feedback) = core.heard.expect("feedback");
+                        max_z = max_z.max(turns[2].abs());
+                        let (_, feedback) = core.newest.expect("feedback");
                         assert!(
                             states(&feedback)
                                 .iter()
@@ -167,12 +167,12 @@ fn drives_home_in_order_when_power_is_requested() {
                         );
                     }
                     assert!(!x_first, "Y homes before X moves");
-                    assert!(z_most < 0.01, "Z holds: {z_most} turns");
+                    assert!(max_z < 0.01, "Z holds: {max_z} turns");
                     // Not in operation until power was off, so that the core accepts the new positions first.
                     for _ in 0..200 {
                         core.cycle();
                     }
-                    assert!(core.heard.is_some_and(|(_, feedback)| {
+                    assert!(core.newest.is_some_and(|(_, feedback)| {
                         states(&feedback)
                             .iter()
                             .all(|state| *state != Some(DriveState::OperationEnabled))
@@ -230,11 +230,11 @@ fn aborted_or_failed_homing_ends_at_rest() {
                     // Power off during homing: at rest at once, and no message of a failure.
                     core.power = PowerRequest::Off;
                     core.until("rest", |_| speeds(ring).iter().all(|speed| *speed < 0.02));
-                    let stands = turns(ring)[2];
+                    let stop_position = turns(ring)[2];
                     for _ in 0..300 {
                         core.cycle();
                     }
-                    assert!((turns(ring)[2] - stands).abs() < 0.01);
+                    assert!((turns(ring)[2] - stop_position).abs() < 0.01);
                     core.power = PowerRequest::On;
                     let begin = Instant::now();
                     while !messages.contain("drive of Z: homing failed") {
@@ -244,12 +244,12 @@ fn aborted_or_failed_homing_ends_at_rest() {
                     core.until("rest after the failure", |_| {
                         speeds(ring).iter().all(|speed| *speed < 0.02)
                     });
-                    let stands = turns(ring)[2];
+                    let stop_position = turns(ring)[2];
                     for _ in 0..500 {
                         core.cycle();
                     }
                     assert!(
-                        (turns(ring)[2] - stands).abs() < 0.01,
+                        (turns(ring)[2] - stop_position).abs() < 0.01,
                         "it does not try again by itself"
                     );
                 },
@@ -304,10 +304,10 @@ fn touch_probe_latches_and_following_error_is_sent() {
                     let inputs = core.inputs.expect("inputs");
                     assert_eq!((inputs.probe, inputs.probe_trips), (1, 0), "open");
                     for trips in 1..=2_u64 {
-                        let mut errors = go(core, closes + 4.0);
+                        let mut errors = move_x(core, closes + 4.0);
                         if trips == 1 {
-                            // 2 turns a second over a gain of 80 /s: 0.025 turns, 0.125 mm. Most of the way:
-                            // pauses of the host spoil some.
+                            // 2 turns a second over a gain of 80 /s: 0.025 turns, 0.125 mm. The
+                            // median, because pauses of the host spoil some values.
                             errors.sort_unstable_by(f64::total_cmp);
                             let error = errors[errors.len() / 2];
                             assert!((error - 0.125).abs() < 0.03, "{error} mm");
@@ -323,7 +323,7 @@ fn touch_probe_latches_and_following_error_is_sent() {
                             inputs.probe_position[0]
                         );
                         // Back, and it is armed for the next.
-                        let _errors = go(core, closes - 2.0);
+                        let _errors = move_x(core, closes - 2.0);
                         core.until_inputs("the probe is open", |inputs| inputs.probe == 1);
                     }
                 },

@@ -51,19 +51,19 @@ fn tshark_reads_what_went_over_the_wire() {
                 println!("not measured: tshark is not installed");
                 return;
             };
-            let said = String::from_utf8_lossy(&output.stdout);
+            let stdout = String::from_utf8_lossy(&output.stdout);
             assert!(
                 output.status.success(),
                 "{}",
                 String::from_utf8_lossy(&output.stderr)
             );
-            let lines: Vec<Vec<&str>> = said.lines().map(|line| line.split('\t').collect()).collect();
+            let lines: Vec<Vec<&str>> = stdout.lines().map(|line| line.split('\t').collect()).collect();
             assert_eq!(lines.len() as u64, report.recorded_frames);
             let now = std::time::SystemTime::now()
                 .duration_since(std::time::UNIX_EPOCH)
                 .expect("a clock")
                 .as_secs_f64();
-            let (mut last, mut ways) = (0.0, [0, 0]);
+            let (mut last, mut counts) = (0.0, [0, 0]);
             for line in &lines {
                 let time: f64 = line[0].parse().expect("a time");
                 assert!(
@@ -72,13 +72,13 @@ fn tshark_reads_what_went_over_the_wire() {
                 );
                 last = time;
                 let direction: usize = line[1].trim_start_matches("0x").parse().expect("a direction");
-                ways[direction - 1] += 1;
+                counts[direction - 1] += 1;
                 assert!(!line[2].is_empty(), "EtherCAT by tshark's reading: {line:?}");
                 // The ring sets the local bit on the way back.
                 let is_local = u8::from_str_radix(&line[3][..2], 16).expect("an address") & 2 != 0;
                 assert!(direction == 2 || is_local, "{line:?}");
             }
-            assert!(ways[0] > 200 && ways[1] >= ways[0], "{ways:?}");
+            assert!(counts[0] > 200 && counts[1] >= counts[0], "{counts:?}");
         });
     });
 }

@@ -68,12 +68,12 @@ fn a_scan_has_the_names_and_units_of_the_vendor() {
             let before = scan_json(&found);
             library.complete(&mut found);
             println!("{}", scan_text(&found));
-            let entries = |place: usize| {
-                let pdos = found[place].outputs().iter().chain(found[place].inputs());
+            let entries = |device: usize| {
+                let pdos = found[device].outputs().iter().chain(found[device].inputs());
                 pdos.flat_map(|pdo| &pdo.entries)
             };
-            let unit = |place, index| {
-                let found = entries(place).find(|entry| entry.index == index);
+            let unit = |device, index| {
+                let found = entries(device).find(|entry| entry.index == index);
                 found.map(|entry| entry.unit.as_str())
             };
             assert_eq!(unit(0, 0x607A), Some("inc"));
@@ -81,20 +81,24 @@ fn a_scan_has_the_names_and_units_of_the_vendor() {
             assert_eq!(unit(0, 0x6041), Some(""));
             // Data of the devices have priority.
             let after = scan_json(&found);
-            for place in 0..3 {
+            for device in 0..3 {
                 for key in ["vendor", "product", "revision", "serial", "clock", "drive"] {
-                    assert_eq!(before["devices"][place][key], after["devices"][place][key]);
+                    assert_eq!(before["devices"][device][key], after["devices"][device][key]);
                 }
             }
-            let told =
-                |place: usize, what: &str| found[place].problems.iter().any(|problem| problem.contains(what));
+            let has_problem = |device: usize, what: &str| {
+                found[device]
+                    .problems
+                    .iter()
+                    .any(|problem| problem.contains(what))
+            };
             assert!(
-                told(2, "none of the given files describes this device"),
+                has_problem(2, "none of the given files describes this device"),
                 "{found:#?}"
             );
-            assert!(!told(0, "ESI"), "{:?}", found[0].problems);
+            assert!(!has_problem(0, "ESI"), "{:?}", found[0].problems);
             assert!(
-                told(1, "revision 0x1 was used") || found[1].sii.revision == 1,
+                has_problem(1, "revision 0x1 was used") || found[1].sii.revision == 1,
                 "{:?}",
                 found[1].problems
             );

@@ -142,7 +142,7 @@ fn lost_frames_end_feedback_and_drives_stop_alone() {
                     begin(ring, FaultKind::Loss, 0, Some(1_000_000_000));
                     let lost = Instant::now();
                     while core
-                        .heard
+                        .newest
                         .is_some_and(|(at, _)| at.elapsed() < Duration::from_millis(300))
                     {
                         core.cycle();
@@ -175,9 +175,9 @@ fn emergencies_at_start_are_reported_and_start_works() {
                 ring,
                 |core, _, messages| {
                     core.bring_up();
-                    let told = "`y-drive` has sent an emergency message: 7121h: motor: blocked, or \
+                    let text = "`y-drive` has sent an emergency message: 7121h: motor: blocked, or \
                                 commutation lost (error register 01h)";
-                    assert!(messages.contain(told), "{messages:?}");
+                    assert!(messages.contain(text), "{messages:?}");
                 },
             );
             assert_eq!(report.sessions, 1, "at the first attempt");
@@ -247,7 +247,7 @@ fn network_that_differs_from_its_file_is_reported() {
                             "{expected}: {messages:#?}"
                         );
                     }
-                    assert!(core.heard.is_none(), "no feedback without a network");
+                    assert!(core.newest.is_none(), "no feedback without a network");
                 });
             }
         });
@@ -259,7 +259,7 @@ fn network_that_differs_from_its_file_is_reported() {
 fn while_moving(
     kind: FaultKind,
     device: usize,
-    seen: fn(&Feedback) -> bool,
+    shows_fault: fn(&Feedback) -> bool,
     expected: &'static [&'static str],
 ) {
     unless_disturbed(move || {
@@ -275,7 +275,7 @@ fn while_moving(
                     }
                     assert!(speeds(ring)[0] > 1.0, "X moves: {:?}", speeds(ring));
                     begin(ring, kind, device, Some(1_000_000_000));
-                    core.until("the fault", seen);
+                    core.until("the fault", shows_fault);
                     core.velocity_x = 0.0;
                     let begin = Instant::now();
                     while speeds(ring).iter().any(|speed| *speed > 0.02) {
@@ -426,9 +426,9 @@ fn following_begins_without_a_step_of_the_targets() {
                         core.rest(0.4);
                         let (step_mm, at_mm) = drive(ring);
                         // It takes dozens of periods; a busy host may skip some.
-                        let most = 0.125 * distance.abs() + 3.0 * velocity * PERIOD_NS as f64 * 1e-9;
+                        let max_mm = 0.125 * distance.abs() + 3.0 * velocity * PERIOD_NS as f64 * 1e-9;
                         assert!(
-                            step_mm > 0.0 && step_mm <= most,
+                            step_mm > 0.0 && step_mm <= max_mm,
                             "{distance} mm at {velocity} mm/s: {step_mm} mm"
                         );
                         let off = at_mm - core.position[0];

@@ -248,7 +248,7 @@ fn on_switch_bench(
 /// Errors of the beam's squareness and of the first drive's coordinate in the core, mm.
 fn errors(core: &TrialCore, ring: &SharedRing) -> (f64, f64) {
     let [one, other] = turns(ring).map(|turns| 5.0 * turns);
-    let (_, feedback) = core.heard.expect("feedback");
+    let (_, feedback) = core.newest.expect("feedback");
     (
         other - one,
         feedback.position[0] - (one - SWITCHES[0] + SWITCH_MM),

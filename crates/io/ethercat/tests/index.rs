@@ -187,15 +187,18 @@ fn requests_follow_each_other() {
                 latch.core.request_index(1);
                 let of_y = latch.next(1, -1.0);
                 latch.core.travel(0, 5.0, 20.0);
-                let told = latch.core.until("feedback", |_| true);
-                assert!(told.index_position.is_nan(), "the impulse of X is not that of Y");
+                let feedback = latch.core.until("feedback", |_| true);
+                assert!(
+                    feedback.index_position.is_nan(),
+                    "the impulse of X is not that of Y"
+                );
                 latch.core.travel(1, -5.0, 20.0);
                 latch.check(1, of_y);
                 let taken = latch.core.index.0;
                 latch.core.index = (taken + 1, 2);
                 latch.core.travel(2, 6.0, 20.0);
-                let told = latch.core.until("feedback", |_| true);
-                assert_eq!(told.index_request, taken, "Z latches none");
+                let feedback = latch.core.until("feedback", |_| true);
+                assert_eq!(feedback.index_request, taken, "Z latches none");
                 latch.core.index = (0, 0);
                 latch.core.until("nothing is asked for", |feedback| {
                     (feedback.index_request, feedback.index_position) == (0, 0.0)
@@ -256,8 +259,8 @@ fn a_touch_probe_works_beside_it() {
             |latch| {
                 latch.core.request_index(0);
                 let (impulse, here) = (latch.next(0, 1.0), turns(latch.ring, 1));
-                let place = latch.core.until("feedback", |_| true).position[0];
-                let probe = place + TURNS[0] * (2.1 - here);
+                let position = latch.core.until("feedback", |_| true).position[0];
+                let probe = position + TURNS[0] * (2.1 - here);
                 latch.core.travel(0, 12.0, 20.0);
                 latch.check(0, impulse);
                 let inputs = latch.core.inputs.expect("inputs");
@@ -309,8 +312,8 @@ fn without_an_impulse_nothing_is_latched() {
                 begin(latch.ring, FaultKind::IndexMissing, 1, None);
                 latch.core.request_index(0);
                 latch.core.travel(0, 12.0, 20.0);
-                let told = latch.core.until("feedback", |_| true);
-                assert!(told.index_position.is_nan() && told.index_request == latch.core.index.0);
+                let feedback = latch.core.until("feedback", |_| true);
+                assert!(feedback.index_position.is_nan() && feedback.index_request == latch.core.index.0);
             },
         );
     });

@@ -217,10 +217,10 @@ fn period_impossible_for_the_drives_is_refused() {
         };
         assert_eq!(found, (expected_ns, usual_hz), "{rate}");
     }
-    let told = check("\"rational\"").expect_err("no such period").to_string();
+    let message = check("\"rational\"").expect_err("no such period").to_string();
     assert!(
-        told.contains("(rate = \"rational\")") && told.contains("write rate = 1000 there"),
-        "{told}"
+        message.contains("(rate = \"rational\")") && message.contains("write rate = 1000 there"),
+        "{message}"
     );
 }
 
@@ -511,7 +511,7 @@ fn spindle_drive_is_read_and_checked_and_refused() {
         check_fit(&other, &network),
         Err(FitError::NoSignal { .. })
     ));
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("index_probe = 2", "index_probe = 3", "3 is not a touch probe"),
         (
             "index_probe = 2",
@@ -545,7 +545,7 @@ fn spindle_drive_is_read_and_checked_and_refused() {
         let text = shipped("networks/sim-mill.toml") + &SPINDLE.replacen(from, to, 1);
         let error = Network::parse(&text, "network.toml").expect_err(to).to_string();
         assert!(
-            error.starts_with("network.toml:") && error.contains(told),
+            error.starts_with("network.toml:") && error.contains(expected),
             "{to}: {error}"
         );
     }

@@ -23,7 +23,7 @@ const INERTIA: f64 = 0.0003;
 const RATED: f64 = 2.4;
 const LEAD_MM: f64 = 5.0;
 
-/// The most positive and the most negative value of an object, in the order of their first occurrence.
+/// Values of an object, in order, with their maximum and minimum.
 #[derive(Debug, Default)]
 struct Extremes {
     values: Vec<i64>,
@@ -37,9 +37,9 @@ impl Extremes {
 
     /// Whether values near the maximum come before those near the minimum.
     fn rises_first(&self) -> bool {
-        let [most, least] = self.ends();
+        let [max, min] = self.ends();
         let first = |wanted: i64| self.values.iter().position(|value| *value == wanted);
-        first(most) < first(least)
+        first(max) < first(min)
     }
 }
 
@@ -63,17 +63,17 @@ fn moved(axis: usize, distance: f64) -> [Extremes; 2] {
                 let stop = AtomicBool::new(false);
                 found = std::thread::scope(|scope| {
                     let watching = scope.spawn(|| {
-                        let mut seen = [Extremes::default(), Extremes::default()];
+                        let mut extremes = [Extremes::default(), Extremes::default()];
                         while !stop.load(Ordering::Relaxed) {
                             let ring = ring.lock().expect("no panic");
                             let objects = ring.devices()[axis + 1].objects();
-                            for (seen, index) in seen.iter_mut().zip([0x60B1, 0x60B2]) {
-                                seen.values.push(objects.integer(index, 0));
+                            for (extremes, index) in extremes.iter_mut().zip([0x60B1, 0x60B2]) {
+                                extremes.values.push(objects.integer(index, 0));
                             }
                             drop(ring);
                             std::thread::sleep(Duration::from_micros(700));
                         }
-                        seen
+                        extremes
                     });
                     core.travel_smoothly(axis, distance, VELOCITY);
                     stop.store(true, Ordering::Relaxed);
@@ -100,34 +100,30 @@ fn offsets_match_motion_at_drive_in_sign_and_size() {
                     return;
                 }
                 let is_forward = (distance > 0.0) != inverted;
-                let [most, least] = speeds.ends();
-                let told = format!(
-                    "axis {axis}, {distance} mm: velocity {most} to {least}, torque {:?}",
+                let [max, min] = speeds.ends();
+                let what = format!(
+                    "axis {axis}, {distance} mm: velocity {max} to {min}, torque {:?}",
                     torques.ends()
                 );
-                println!("{told}");
-                let (along, against) = if is_forward {
-                    (most, -least)
-                } else {
-                    (-least, most)
-                };
+                println!("{what}");
+                let (along, against) = if is_forward { (max, -min) } else { (-min, max) };
                 assert!(
                     (along as f64 / velocity - 1.0).abs() < 0.02,
-                    "{told}, expected {velocity}"
+                    "{what}, expected {velocity}"
                 );
                 assert!(
                     (against as f64) < 0.02 * velocity,
-                    "it does not turn back: {told}"
+                    "it does not turn back: {what}"
                 );
                 // It accelerates in the direction of motion first, and then brakes.
-                let [most, least] = torques.ends();
-                for found in [most, -least] {
+                let [max, min] = torques.ends();
+                for found in [max, -min] {
                     assert!(
                         (found as f64 / torque - 1.0).abs() < 0.05,
-                        "{told}, expected {torque}"
+                        "{what}, expected {torque}"
                     );
                 }
-                assert_eq!(torques.rises_first(), is_forward, "{told}");
+                assert_eq!(torques.rises_first(), is_forward, "{what}");
             });
         }
     }

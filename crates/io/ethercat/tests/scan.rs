@@ -58,12 +58,12 @@ fn scan_lists_devices_and_its_file_fits_machine() {
             assert_eq!(is_drive, [false, true, true, true, false, false, false]);
             assert_eq!(found[1].clock, "64 bits");
             // 8 bits each way, 2 channels of status and value.
-            let sizes = |place: usize| {
+            let sizes = |device: usize| {
                 let bits = |pdos: &[evolvent_ethercat::Pdo]| -> u32 {
                     let entries = pdos.iter().flat_map(|pdo| &pdo.entries);
                     entries.map(|entry| u32::from(entry.bits)).sum()
                 };
-                (bits(found[place].outputs()), bits(found[place].inputs()))
+                (bits(found[device].outputs()), bits(found[device].inputs()))
             };
             assert_eq!(
                 [sizes(0), sizes(4), sizes(5), sizes(6)],
@@ -127,10 +127,10 @@ fn an_emergency_message_is_listed_with_its_device() {
                 .expect("no panic")
                 .begin_fault(monotonic_ns(), FaultKind::Emergency, 1, None);
             let found = scan(MAIN_INTERFACE).expect("a ring");
-            let said = "emergency message 7121h: motor: blocked, or commutation lost (error register 01h)";
-            assert_eq!(found[1].problems, [said]);
+            let problem = "emergency message 7121h: motor: blocked, or commutation lost (error register 01h)";
+            assert_eq!(found[1].problems, [problem]);
             assert!(found[2].problems.is_empty(), "{found:#?}");
-            assert!(scan_text(&found).contains(said));
+            assert!(scan_text(&found).contains(problem));
         });
     });
 }
@@ -151,12 +151,12 @@ fn files_of_hostile_devices_load() {
                 // Half of them with categories of a likely kind, so that the parser gets beyond the first.
                 if random.unit() < 0.5 {
                     let kinds = [10_u16, 30, 40, 41, 50, 51, 60];
-                    let mut place = 0x80;
-                    while place + 4 <= image.len() {
+                    let mut offset = 0x80;
+                    while offset + 4 <= image.len() {
                         let kind = kinds[(random.bits() % 7) as usize].to_le_bytes();
                         let words = random.bits() % 64;
-                        image[place..place + 4].copy_from_slice(&[kind[0], kind[1], words as u8, 0]);
-                        place += 4 + 2 * words as usize;
+                        image[offset..offset + 4].copy_from_slice(&[kind[0], kind[1], words as u8, 0]);
+                        offset += 4 + 2 * words as usize;
                     }
                 }
                 evolvent_ethercat::FoundDevice {

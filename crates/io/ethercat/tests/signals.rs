@@ -160,9 +160,9 @@ impl Core {
         }
     }
 
-    fn until(&mut self, what: &str, mut seen: impl FnMut(Option<&MachineInputs>) -> bool) {
+    fn until(&mut self, what: &str, mut condition: impl FnMut(Option<&MachineInputs>) -> bool) {
         let begin = Instant::now();
-        while !seen(self.inputs.as_ref()) {
+        while !condition(self.inputs.as_ref()) {
             self.cycle();
             assert!(
                 begin.elapsed() < Duration::from_secs(20),

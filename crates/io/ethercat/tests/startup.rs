@@ -13,18 +13,18 @@ use evolvent_ethercat_ring::{FaultKind, SharedRing, on_bench};
 use crate::support::*;
 
 /// Runs cycles until the bridge reports all texts; the core receives nothing meanwhile.
-fn until_told(core: &mut TrialCore, messages: &Messages, texts: &[&str], within: Duration) {
+fn until_reported(core: &mut TrialCore, messages: &Messages, texts: &[&str], within: Duration) {
     let begin = Instant::now();
     while !texts.iter().all(|text| messages.contain(text)) {
         core.cycle();
         assert!(begin.elapsed() < within, "{texts:#?}: {messages:#?}");
     }
-    assert!(core.heard.is_none(), "no feedback of a network that is not up");
+    assert!(core.newest.is_none(), "no feedback of a network that is not up");
 }
 
 /// A fault of a device before the start: the bridge reports these texts, and the network comes up once the
 /// fault is over.
-fn is_told_and_ends(kind: FaultKind, device: usize, texts: &'static [&'static str]) {
+fn is_reported_and_ends(kind: FaultKind, device: usize, texts: &'static [&'static str]) {
     unless_disturbed(move || {
         on_bench(devices(), move |ring: &SharedRing| {
             begin(ring, kind, device, None);
@@ -32,7 +32,7 @@ fn is_told_and_ends(kind: FaultKind, device: usize, texts: &'static [&'static st
                 |_| {},
                 ring,
                 |core, ring, messages| {
-                    until_told(core, messages, texts, Duration::from_secs(30));
+                    until_reported(core, messages, texts, Duration::from_secs(30));
                     ring.lock().expect("no panic").clear_faults();
                     core.bring_up();
                     assert!(messages.contain("all devices are in OP"), "{messages:?}");
@@ -47,7 +47,7 @@ fn is_told_and_ends(kind: FaultKind, device: usize, texts: &'static [&'static st
 /// SYNC0 alone.
 #[test]
 fn object_aborted_by_drive_is_named_with_reason() {
-    is_told_and_ends(
+    is_reported_and_ends(
         FaultKind::SdoAbort,
         2,
         &["`y-drive`: object 1C12h:0 cannot be written: the device rejects it: 0x08000000: General"],
@@ -56,7 +56,7 @@ fn object_aborted_by_drive_is_named_with_reason() {
 
 #[test]
 fn aborted_object_of_network_file_is_named_too() {
-    is_told_and_ends(
+    is_reported_and_ends(
         FaultKind::SdoAbort,
         1,
         &["`x-drive`: object 6065h:0 cannot be written: the device rejects it: 0x08000000: General"],
@@ -65,7 +65,7 @@ fn aborted_object_of_network_file_is_named_too() {
 
 #[test]
 fn a_reply_for_another_object_is_named() {
-    is_told_and_ends(
+    is_reported_and_ends(
         FaultKind::SdoWrong,
         1,
         &["`x-drive`: object 6065h:0 cannot be written: the device replies for another object"],
@@ -95,7 +95,7 @@ fn a_slow_mailbox_is_waited_for() {
 
 #[test]
 fn device_refusing_safe_op_is_named_with_remedy() {
-    is_told_and_ends(
+    is_reported_and_ends(
         FaultKind::RefuseSafeOp,
         2,
         &[
@@ -108,7 +108,7 @@ fn device_refusing_safe_op_is_named_with_remedy() {
 
 #[test]
 fn device_refusing_op_is_named_with_remedy() {
-    is_told_and_ends(
+    is_reported_and_ends(
         FaultKind::RefuseOp,
         3,
         &[

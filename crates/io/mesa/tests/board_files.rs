@@ -241,8 +241,11 @@ fn what_makes_no_sense_is_refused_with_its_place() {
         let text = text();
         assert!(text.contains(from), "{from}");
         let error = BoardSettings::parse(&text.replacen(from, to, 1), "b.toml").expect_err(to);
-        let said = error.to_string();
-        assert!(said.contains(wanted) && said.contains("b.toml"), "{to}: {said}");
+        let message = error.to_string();
+        assert!(
+            message.contains(wanted) && message.contains("b.toml"),
+            "{to}: {message}"
+        );
     }
 }
 

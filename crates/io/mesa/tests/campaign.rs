@@ -93,7 +93,7 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, server
         core.rest(0.3);
         core.velocity_x = 0.0;
         core.rest(0.3);
-        let (_, now) = core.heard?;
+        let (_, now) = core.newest?;
         let is_following = now.bridge_state == 1 && states(&now) == [Some(DriveState::OperationEnabled); 3];
         let steps = server.lock().motor_steps(0) - motor;
         is_following.then(|| steps - (core.position[0] - from) * STEPS)

@@ -72,7 +72,7 @@ fn short_losses_are_counted_and_ridden_through() {
                     }
                     core.velocity_x = 0.0;
                     core.rest(0.5);
-                    let (_, feedback) = core.heard.expect("feedback");
+                    let (_, feedback) = core.newest.expect("feedback");
                     assert_eq!(states(&feedback), [Some(DriveState::OperationEnabled); 3]);
                     assert!(!messages.contain("in a row"), "{messages:?}");
                     let off = server.lock().motor_steps(0) - core.position[0] * STEPS - motor;
@@ -235,7 +235,7 @@ fn analog_servos_follow_by_their_encoders() {
         for velocity in [60.0, -60.0, 60.0] {
             core.velocity_x = velocity;
             core.rest(1.3);
-            let (_, feedback) = core.heard.expect("feedback");
+            let (_, feedback) = core.newest.expect("feedback");
             largest = largest.max(feedback.following_error[0].abs());
         }
         core.velocity_x = 0.0;
@@ -282,7 +282,7 @@ fn counter_unread_for_too_long_ends_session() {
             core.rest(0.5);
             core.power = PowerRequest::Off;
             core.rest(0.3);
-            let (_, feedback) = core.heard.expect("feedback");
+            let (_, feedback) = core.newest.expect("feedback");
             assert_eq!(feedback.instance, before.instance);
             let off = feedback.position[0] * 1000.0 - server.lock().shaft(0) - offset;
             assert!(off.abs() < 10.0, "{off} counts");
@@ -421,12 +421,12 @@ fn following_begins_without_a_step_of_the_targets() {
                 core.rest(0.4);
                 let fastest = server.lock().take_fastest_rate(0) / STEPS;
                 // A correction proportional to the distance, plus the edges of single steps.
-                let most = 20.0 * f64::abs(distance) + 1.0 + velocity;
+                let max = 20.0 * f64::abs(distance) + 1.0 + velocity;
                 assert!(
-                    fastest > 0.0 && fastest <= most,
+                    fastest > 0.0 && fastest <= max,
                     "{distance} mm at {velocity} mm/s: {fastest} mm/s"
                 );
-                let (_, feedback) = core.heard.expect("feedback");
+                let (_, feedback) = core.newest.expect("feedback");
                 let off = feedback.position[0] - core.position[0];
                 assert!(
                     off.abs() < 2.0 / STEPS,

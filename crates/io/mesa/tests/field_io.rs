@@ -16,11 +16,11 @@ use crate::common::{field_router, machine, router, serve};
 struct Core {
     bus: CoreBus,
     outputs: MachineOutputs,
-    heard: Option<MachineInputs>,
+    inputs: Option<MachineInputs>,
 }
 
 impl Core {
-    fn say(&mut self, change: impl FnOnce(&mut MachineOutputs)) {
+    fn send(&mut self, change: impl FnOnce(&mut MachineOutputs)) {
         change(&mut self.outputs);
         self.repeat();
     }
@@ -31,19 +31,19 @@ impl Core {
         let _reached = self.bus.publish_outputs(&self.outputs);
         self.bus.admit_readers();
         while let Ok(Some(message)) = self.bus.unchecked_inputs() {
-            self.heard = Some(message);
+            self.inputs = Some(message);
         }
     }
 
     /// Repeats the outputs until a condition is met.
-    fn until(&mut self, what: &str, mut seen: impl FnMut(Option<&MachineInputs>) -> bool) {
+    fn until(&mut self, what: &str, mut condition: impl FnMut(Option<&MachineInputs>) -> bool) {
         let begin = Instant::now();
-        while !seen(self.heard.as_ref()) {
+        while !condition(self.inputs.as_ref()) {
             self.repeat();
             assert!(
                 begin.elapsed() < Duration::from_secs(20),
                 "{what}: not within 20 s; {:?}",
-                self.heard
+                self.inputs
             );
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -71,7 +71,7 @@ fn with_bridge(
                 digital_mask: 1,
                 ..MachineOutputs::default()
             },
-            heard: None,
+            inputs: None,
         };
         let settings = RunSettings {
             machine: machine.clone(),
@@ -101,7 +101,7 @@ fn isolated_outputs_close_filtered_inputs_are_read() {
         |core, server, _| {
             core.until("inputs", |inputs| inputs.is_some());
             assert!(!server.lock().level(14) && !server.lock().level(15));
-            core.say(|outputs| (outputs.digital, outputs.spindle_direction[0]) = (1, 1));
+            core.send(|outputs| (outputs.digital, outputs.spindle_direction[0]) = (1, 1));
             core.until("both closed", |_| {
                 server.lock().level(14) && server.lock().level(15)
             });
@@ -114,7 +114,7 @@ fn isolated_outputs_close_filtered_inputs_are_read() {
             core.until("a closed door", |inputs| {
                 inputs.is_some_and(|inputs| inputs.digital & 1 == 1)
             });
-            core.say(|outputs| (outputs.digital, outputs.spindle_direction[0]) = (0, 0));
+            core.send(|outputs| (outputs.digital, outputs.spindle_direction[0]) = (0, 0));
             core.until("both open", |_| {
                 !server.lock().level(14) && !server.lock().level(15)
             });
@@ -155,7 +155,7 @@ fn outputs_are_safe_until_core_sets_them_per_session() {
                 sessions(1);
                 std::thread::sleep(Duration::from_millis(20));
                 stays_safe("before the first message");
-                core.say(|outputs| {
+                core.send(|outputs| {
                     (outputs.digital, outputs.safe_digital) = (u64::from(!is_safe_on), u64::from(is_safe_on));
                 });
                 core.until("what the core says", |_| is_on() != is_safe_on);
@@ -213,7 +213,7 @@ fn a_slow_input_does_not_see_a_bounce() {
                         core.repeat();
                         std::thread::sleep(Duration::from_micros(300));
                     }
-                    assert!(level(true)(core.heard.as_ref()), "a bounce was seen");
+                    assert!(level(true)(core.inputs.as_ref()), "a bounce was seen");
                 }
             }
             // The filter counts up and down: it is full again, and then takes its full time.
@@ -248,18 +248,18 @@ fn field_inputs_outputs_and_the_spindle_of_a_7i76() {
                 core.until("the door", |inputs| {
                     inputs.is_some_and(|inputs| (inputs.digital & 1 == 1) == on)
                 });
-                core.say(|outputs| outputs.digital = u64::from(on));
+                core.send(|outputs| outputs.digital = u64::from(on));
                 core.until("the dust extraction", |_| {
                     server.lock().field_output_is_on(3) == on
                 });
             }
-            core.say(|outputs| (outputs.spindle_direction[0], outputs.spindle_rpm[0]) = (1, 6000.0));
+            core.send(|outputs| (outputs.spindle_direction[0], outputs.spindle_rpm[0]) = (1, 6000.0));
             core.until("a quarter of the speed", |_| {
-                let (share, reverse, enabled) = server.lock().field_spindle();
-                (share - 0.25).abs() < 3e-4 && !reverse && enabled
+                let (duty, reverse, enabled) = server.lock().field_spindle();
+                (duty - 0.25).abs() < 3e-4 && !reverse && enabled
             });
             // Without the core the bridge switches everything off; the device would do so too.
-            core.say(|outputs| outputs.digital = 1);
+            core.send(|outputs| outputs.digital = 1);
             core.until("the dust extraction again", |_| {
                 server.lock().field_output_is_on(3)
             });
@@ -276,7 +276,7 @@ fn field_inputs_outputs_and_the_spindle_of_a_7i76() {
                 messages.contain("no device replies at channel 0 of smart serial port 0")
             });
             server.lock().clear_faults();
-            core.heard = None;
+            core.inputs = None;
             core.until("inputs again", |inputs| inputs.is_some());
             assert!(server.lock().field_exchanges() > 100);
         },

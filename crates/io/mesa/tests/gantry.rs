@@ -127,7 +127,7 @@ fn sides(server: &BoardServer) -> [f64; 2] {
 /// Errors of the beam's squareness and of the first motor's coordinate in the core, mm.
 fn errors(core: &TrialCore, server: &BoardServer) -> [f64; 2] {
     let [first, second] = sides(server);
-    let (_, feedback) = core.heard.expect("feedback");
+    let (_, feedback) = core.newest.expect("feedback");
     let zero = feedback.position[0] - (first - SWITCHES[0] + SWITCH_MM);
     [second - first, zero]
 }
@@ -205,7 +205,7 @@ fn a_home_switch_that_never_closes_stops_both_motors() {
             core.bring_up();
             let failed = core.home_x(&HOMING, |_| {});
             assert!(failed.expect_err("no switch").contains("8611h"));
-            let (_, feedback) = core.heard.expect("feedback");
+            let (_, feedback) = core.newest.expect("feedback");
             assert!(states(&feedback)[0].is_some_and(DriveState::is_fault));
             core.rest(0.5);
             assert_stopped(server);

@@ -131,8 +131,11 @@ fn requests_follow_each_other() {
         latch.core.request_index(1);
         let of_y = latch.next(1, -1.0);
         latch.core.travel(0, 5.0, 20.0);
-        let told = latch.core.until("feedback", |_| true);
-        assert!(told.index_position.is_nan(), "the pulse of X is not that of Y");
+        let feedback = latch.core.until("feedback", |_| true);
+        assert!(
+            feedback.index_position.is_nan(),
+            "the pulse of X is not that of Y"
+        );
         latch.core.travel(1, -5.0, 20.0);
         latch.check(1, of_y);
         latch.core.index = (0, 0);
@@ -194,8 +197,8 @@ fn nothing_latches_without_wire_or_on_steppers() {
         latch.server.lock().fault_now(FaultKind::IndexMissing, None);
         latch.core.request_index(0);
         latch.core.travel(0, 9.0, 40.0);
-        let told = latch.core.until("feedback", |_| true);
-        assert!(told.index_position.is_nan() && told.index_request == latch.core.index.0);
+        let feedback = latch.core.until("feedback", |_| true);
+        assert!(feedback.index_position.is_nan() && feedback.index_request == latch.core.index.0);
     });
     with_bridge_to(
         BoardModel::B7i96s,
@@ -204,8 +207,8 @@ fn nothing_latches_without_wire_or_on_steppers() {
             core.bring_up();
             core.index = (1, 0);
             core.rest(0.5);
-            let told = core.until("feedback", |_| true);
-            assert_eq!((told.index_request, told.index_position), (0, 0.0));
+            let feedback = core.until("feedback", |_| true);
+            assert_eq!((feedback.index_request, feedback.index_position), (0, 0.0));
         },
     );
     let shipped = evolvent_file_tests::shipped("machines/router-3axis.toml");

@@ -19,7 +19,7 @@ fn router_text(from: &str, to: &str, more: &str) -> String {
 
 /// Messages of the bridge about a board file until it rejects it or sets the board up, and the driven pins of
 /// the board.
-fn said_and_driven(text: &str, name: &str) -> (String, Vec<usize>) {
+fn reported_and_driven(text: &str, name: &str) -> (String, Vec<usize>) {
     let (server, address) = serve(BoardModel::B7i96s);
     let mut board = BoardSettings::parse(text, "b.toml").expect("a board file");
     board.address = address;
@@ -36,21 +36,21 @@ fn said_and_driven(text: &str, name: &str) -> (String, Vec<usize>) {
     };
     // The thread of a bridge gives up its rights to files, which the next text needs.
     let bridge = std::thread::spawn(move || {
-        let (stop, mut said, mut driven) = (AtomicBool::new(false), String::new(), Vec::new());
+        let (stop, mut reported, mut driven) = (AtomicBool::new(false), String::new(), Vec::new());
         run(&settings, &stop, |message| {
             if message.starts_with("board") {
-                said = message.to_owned();
+                reported = message.to_owned();
                 driven = (0..51).filter(|pin| server.lock().is_driven(*pin)).collect();
                 stop.store(true, Ordering::Relaxed);
             }
         })
         .expect("a bridge that runs");
-        (said, driven)
+        (reported, driven)
     });
-    let seen = bridge.join().expect("no panic");
+    let found = bridge.join().expect("no panic");
     drop(core);
     let _swept = remove_private_domain(&prefix);
-    seen
+    found
 }
 
 #[test]
@@ -90,10 +90,10 @@ fn a_pin_that_is_an_input_is_never_driven() {
     .into_iter()
     .enumerate()
     {
-        let (said, driven) = said_and_driven(&router_text(from, to, ""), &format!("out{i}_"));
+        let (reported, driven) = reported_and_driven(&router_text(from, to, ""), &format!("out{i}_"));
         assert!(
-            said.starts_with("board: b.toml: ") && said.contains(wanted),
-            "{wanted}: {said}"
+            reported.starts_with("board: b.toml: ") && reported.contains(wanted),
+            "{wanted}: {reported}"
         );
         assert!(driven.is_empty(), "{to}: nothing is driven before the file fits");
     }
@@ -122,10 +122,10 @@ fn a_pin_that_something_drives_is_no_input() {
     .into_iter()
     .enumerate()
     {
-        let (said, driven) = said_and_driven(&router_text(from, to, ""), &format!("in{i}_"));
+        let (reported, driven) = reported_and_driven(&router_text(from, to, ""), &format!("in{i}_"));
         assert!(
-            said.starts_with("board: b.toml: ") && said.contains(wanted),
-            "{wanted}: {said}"
+            reported.starts_with("board: b.toml: ") && reported.contains(wanted),
+            "{wanted}: {reported}"
         );
         assert!(driven.is_empty(), "{to}");
     }
@@ -137,8 +137,8 @@ fn exactly_the_outputs_of_the_file_are_driven() {
     // pins of generator 4 are free: one is an output, one an input.
     let more = "\n[flood]\npin = 25\n";
     let text = router_text("pin = 3\n", "pin = 26\n", more);
-    let (said, driven) = said_and_driven(&text, "fit_");
-    assert!(said.contains("set up"), "{said}");
+    let (reported, driven) = reported_and_driven(&text, "fit_");
+    assert!(reported.contains("set up"), "{reported}");
     assert_eq!(
         driven,
         [11, 12, 13, 14, 15, 17, 18, 19, 20, 21, 22, 25, 30, 31, 32, 33]
@@ -148,10 +148,11 @@ fn exactly_the_outputs_of_the_file_are_driven() {
 /// It would trip between two packets.
 #[test]
 fn a_watchdog_of_a_period_is_refused() {
-    let (said, driven) = said_and_driven(&router_text("watchdog_ms = 50", "watchdog_ms = 2", ""), "wd_");
+    let (reported, driven) =
+        reported_and_driven(&router_text("watchdog_ms = 50", "watchdog_ms = 2", ""), "wd_");
     assert!(
-        said.contains("watchdog_ms is 2, and packets come every 2.000 ms"),
-        "{said}"
+        reported.contains("watchdog_ms is 2, and packets come every 2.000 ms"),
+        "{reported}"
     );
     assert!(driven.is_empty(), "{driven:?}");
 }

@@ -55,12 +55,12 @@ fn files(address: IpAddr) -> (Machine, BoardSettings) {
     )
 }
 
-fn quantile(sorted: &[u64], share: f64) -> f64 {
-    let index = ((sorted.len() - 1) as f64 * share) as usize;
+fn quantile(sorted: &[u64], fraction: f64) -> f64 {
+    let index = ((sorted.len() - 1) as f64 * fraction) as usize;
     sorted.get(index).copied().unwrap_or(0) as f64 / 1000.0
 }
 
-fn say(what: &str, times_ns: &mut [u64]) {
+fn print_times(what: &str, times_ns: &mut [u64]) {
     times_ns.sort_unstable();
     println!(
         "{what}: p50 {:.1}, p99.9 {:.1}, at most {:.1} us of {} cycles",
@@ -212,8 +212,8 @@ fn a_cycle_allocates_nothing_and_its_work_is_told() {
         );
     }
     assert!(pulses > 1, "index pulses have been latched: {pulses}");
-    say("bridge, 4 axes", &mut times);
-    say("bare loop", &mut bare_loop(address));
+    print_times("bridge, 4 axes", &mut times);
+    print_times("bare loop", &mut bare_loop(address));
     assert!(times.len() > 3000, "{} cycles", times.len());
     assert_eq!(allocating, 0, "cycles that have allocated or freed");
 }

@@ -10,7 +10,7 @@ use evolvent_trace::{ReadError, RecoverError, TraceFile, recover};
 fn a_file_that_cannot_be_read_is_told_with_what_to_do() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("run.mcap");
-    let tell = |kind: io::ErrorKind| {
+    let describe = |kind: io::ErrorKind| {
         let source = io::Error::from(kind);
         let path = path.clone();
         let error = ReadError::Io { path, source };
@@ -30,7 +30,7 @@ fn a_file_that_cannot_be_read_is_told_with_what_to_do() {
         (io::ErrorKind::PermissionDenied, "ask its owner", false),
         (io::ErrorKind::TimedOut, "try again", false),
     ] {
-        let (text, wrong) = tell(kind);
+        let (text, wrong) = describe(kind);
         assert!(text.contains(wanted), "{text}");
         assert_eq!(wrong, is_wrong_name, "{text}");
     }

@@ -18,10 +18,10 @@ use evolvent_trace::{
 
 #[test]
 fn every_cycle_comes_back_bit_for_bit() {
-    common::both_ways(every_cycle_way);
+    common::in_both_layouts(check_every_cycle);
 }
 
-fn every_cycle_way() {
+fn check_every_cycle() {
     let folder = common::folder();
     for axes in ["XYZ", "X", "ZX", "XYZABCUVW"] {
         let path = folder.path().join(format!("{axes}.mcap"));
@@ -165,10 +165,10 @@ fn info_knows_the_run_from_the_summary_alone() {
 
 #[test]
 fn gaps_in_the_numbers_are_told() {
-    common::both_ways(gaps_in_way);
+    common::in_both_layouts(check_gaps);
 }
 
-fn gaps_in_way() {
+fn check_gaps() {
     let folder = common::folder();
     let path = folder.path().join("gaps.mcap");
     let mut recorder = Recorder::create(&path, &info("XYZ")).expect("creating");
@@ -252,10 +252,10 @@ fn a_folder_is_refused_as_the_name_of_a_trace() {
 
 #[test]
 fn nan_and_long_texts_are_recorded_without_harm() {
-    common::both_ways(numbers_that_way);
+    common::in_both_layouts(check_odd_values);
 }
 
-fn numbers_that_way() {
+fn check_odd_values() {
     let folder = common::folder();
     let path = folder.path().join("odd.mcap");
     let mut recorder = Recorder::create(&path, &info("XYZ")).expect("creating");

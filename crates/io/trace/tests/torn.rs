@@ -78,10 +78,10 @@ fn recover_bytes(folder: &Path, bytes: &[u8]) -> Result<Recovered, RecoverError>
 
 #[test]
 fn complete_chunks_before_any_cut_are_recovered() {
-    common::both_ways(cut_anywhere_way);
+    common::in_both_layouts(check_cuts);
 }
 
-fn cut_anywhere_way() {
+fn check_cuts() {
     let folder = common::folder();
     let path = folder.path().join("run.mcap");
     record(&path, 6000, AXES, 250);
@@ -121,10 +121,10 @@ fn cut_anywhere_way() {
 
 #[test]
 fn flipped_bits_give_error_or_loss_never_wrong_data() {
-    common::both_ways(flipped_bits_way);
+    common::in_both_layouts(check_flipped_bits);
 }
 
-fn flipped_bits_way() {
+fn check_flipped_bits() {
     let folder = common::folder();
     let path = folder.path().join("run.mcap");
     record(&path, 3000, AXES, 250);
@@ -186,10 +186,10 @@ fn flipped_bits_way() {
 
 #[test]
 fn a_damaged_chunk_costs_no_other() {
-    common::both_ways(a_damaged_way);
+    common::in_both_layouts(check_damaged_chunk);
 }
 
-fn a_damaged_way() {
+fn check_damaged_chunk() {
     let folder = common::folder();
     let path = folder.path().join("run.mcap");
     record(&path, 5000, AXES, 250);
@@ -214,10 +214,10 @@ fn a_damaged_way() {
 
 #[test]
 fn file_without_first_chunk_opens_everywhere() {
-    common::both_ways(without_its_way);
+    common::in_both_layouts(check_missing_chunk);
 }
 
-fn without_its_way() {
+fn check_missing_chunk() {
     let folder = common::folder();
     let path = folder.path().join("run.mcap");
     record(&path, 1000, AXES, 250);
@@ -256,10 +256,10 @@ fn recovering_a_whole_file_loses_nothing() {
 
 #[test]
 fn leftovers_are_recovered_except_of_running_recorder() {
-    common::both_ways(leftovers_are_way);
+    common::in_both_layouts(check_leftovers);
 }
 
-fn leftovers_are_way() {
+fn check_leftovers() {
     let folder = common::folder();
     let killed = folder.path().join("killed.mcap");
     let mut recorder = Recorder::create(&killed, &info(AXES)).expect("creating");
@@ -304,10 +304,10 @@ fn leftovers_are_way() {
 
 #[test]
 fn dropped_recorder_leaves_all_in_its_part_file() {
-    common::both_ways(a_recorder_way);
+    common::in_both_layouts(check_dropped_recorder);
 }
 
-fn a_recorder_way() {
+fn check_dropped_recorder() {
     let folder = common::folder();
     let path = folder.path().join("run.mcap");
     let mut recorder = Recorder::create(&path, &info(AXES)).expect("creating");

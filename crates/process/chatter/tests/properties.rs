@@ -66,7 +66,7 @@ fn with_equal_axes_the_angle_does_not_matter() {
 fn force_work_balances_damping_over_a_cycle() {
     let law = steel();
     let (mut random, cases) = campaign(0x0c4a_0002, 10);
-    let mut seen = 0;
+    let mut count = 0;
     for _ in 0..cases {
         let case = CuttingTool {
             depth_mm: random.between(1.5, 4.0),
@@ -90,10 +90,10 @@ fn force_work_balances_damping_over_a_cycle() {
                 }
             }
             near(work, loss, 2e-4, "work over loss");
-            seen += 1;
+            count += 1;
         }
     }
-    assert!(seen > cases / 3);
+    assert!(count > cases / 3);
 }
 
 /// At a vanishing amplitude the extra damping that balances the motion is twice the growth, except for

@@ -31,7 +31,7 @@ fn settings(lag_s: f64) -> AdaptiveSettings {
 
 /// Loads over the set one.
 #[derive(Clone, Copy, Debug, Default)]
-struct Seen {
+struct LoadRatios {
     peak: f64,
     /// Longest time above 1.3, s.
     over_130_s: f64,
@@ -56,7 +56,7 @@ fn drive(
     adaptive: Option<AdaptiveSettings>,
     (lag_s, dead_s): (f64, f64),
     noise: f64,
-    mut see: impl FnMut(Moment),
+    mut observe: impl FnMut(Moment),
 ) {
     let mut piece = Workpiece::new(blank, 120.0, law(), tool(), TURN_S / PERIOD_S);
     let model = SensorModel {
@@ -83,7 +83,7 @@ fn drive(
         }
         now.position += now.factor * FEED / TURN_S * PERIOD_S;
         now.load = piece.step(now.position, 0.0).load;
-        see(now);
+        observe(now);
         if now.position > 117.0 {
             return;
         }
@@ -92,24 +92,24 @@ fn drive(
 }
 
 /// Loads of a pass.
-fn pass(blank: Blank, settings: AdaptiveSettings, sensor: (f64, f64), noise: f64) -> Seen {
+fn pass(blank: Blank, settings: AdaptiveSettings, sensor: (f64, f64), noise: f64) -> LoadRatios {
     let (mut above, mut sum, mut count) = (0.0, 0.0, 0.0);
-    let mut seen = Seen {
+    let mut ratios = LoadRatios {
         min: f64::INFINITY,
-        ..Seen::default()
+        ..LoadRatios::default()
     };
     drive(blank, Some(settings), sensor, noise, |now| {
         let fraction = now.load / SET;
-        seen.peak = seen.peak.max(fraction);
+        ratios.peak = ratios.peak.max(fraction);
         above = if fraction > 1.3 { above + PERIOD_S } else { 0.0 };
-        seen.over_130_s = seen.over_130_s.max(above);
+        ratios.over_130_s = ratios.over_130_s.max(above);
         if now.position > 90.0 {
-            (seen.min, seen.max) = (seen.min.min(fraction), seen.max.max(fraction));
+            (ratios.min, ratios.max) = (ratios.min.min(fraction), ratios.max.max(fraction));
             (sum, count) = (sum + fraction, count + 1.0);
         }
     });
-    seen.mean = sum / count;
-    seen
+    ratios.mean = sum / count;
+    ratios
 }
 
 fn blanks() -> [(&'static str, Blank); 5] {
@@ -149,20 +149,20 @@ fn the_load_is_held_with_slow_and_noisy_sensors() {
     for (lag_s, dead_s) in SENSORS {
         for noise in [0.0, 0.02, 0.05] {
             for (name, blank) in blanks() {
-                let seen = pass(blank, settings(lag_s + dead_s), (lag_s, dead_s), noise);
-                let what = format!("{name}, lag {lag_s}, late by {dead_s}, noise {noise}: {seen:?}");
+                let ratios = pass(blank, settings(lag_s + dead_s), (lag_s, dead_s), noise);
+                let what = format!("{name}, lag {lag_s}, late by {dead_s}, noise {noise}: {ratios:?}");
                 // The feed must not oscillate: a sensor that lags shows the load at an earlier feed. Noise
                 // that looks like growth lowers the feed, more so with a longer extrapolation.
                 let dips = noise * (1.0 + (lag_s + dead_s) / TURN_S);
-                assert!(seen.min > 0.97 - dips && seen.max < 1.02 + noise, "{what}");
-                assert!((seen.mean - 1.0).abs() < 0.01 + 0.5 * noise, "{what}");
+                assert!(ratios.min > 0.97 - dips && ratios.max < 1.02 + noise, "{what}");
+                assert!((ratios.mean - 1.0).abs() < 0.01 + 0.5 * noise, "{what}");
                 // A sensor that is slow relative to a revolution shows a step of the stock late.
                 let max = if lag_s + dead_s > 0.25 * TURN_S {
                     TURN_S
                 } else {
                     0.0
                 };
-                assert!(seen.over_130_s <= max, "{what}");
+                assert!(ratios.over_130_s <= max, "{what}");
             }
         }
     }
@@ -170,12 +170,12 @@ fn the_load_is_held_with_slow_and_noisy_sensors() {
 
 #[test]
 fn a_wrong_lag_keeps_the_load_bounded() {
-    for (true_s, said_s) in [(0.1, 0.05), (0.05, 0.1), (0.02, 0.01), (0.01, 0.02)] {
+    for (true_s, configured_s) in [(0.1, 0.05), (0.05, 0.1), (0.02, 0.01), (0.01, 0.02)] {
         for (name, blank) in blanks() {
-            let seen = pass(blank, settings(said_s), (true_s, 0.0), 0.02);
-            let what = format!("{name}, {true_s} for {said_s}: {seen:?}");
-            assert!(seen.over_130_s <= TURN_S, "{what}");
-            assert!(seen.min > 0.9 && seen.max < 1.1, "{what}");
+            let ratios = pass(blank, settings(configured_s), (true_s, 0.0), 0.02);
+            let what = format!("{name}, {true_s} for {configured_s}: {ratios:?}");
+            assert!(ratios.over_130_s <= TURN_S, "{what}");
+            assert!(ratios.min > 0.9 && ratios.max < 1.1, "{what}");
         }
     }
 }

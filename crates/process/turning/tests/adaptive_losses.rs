@@ -42,7 +42,7 @@ struct Pass {
     piece: Workpiece,
     feed: AdaptiveFeed,
     sensor: Sensor,
-    place: f64,
+    position: f64,
     load: f64,
     depth: f64,
     factor: f64,
@@ -62,7 +62,7 @@ impl Pass {
             piece: Workpiece::new(blank, LENGTH_MM, law(), tool(), TURN_S / PERIOD_S),
             feed: AdaptiveFeed::new(settings).unwrap(),
             sensor: Sensor::new(model, PERIOD_S),
-            place: -4.0,
+            position: -4.0,
             load: 0.0,
             depth: 0.0,
             factor: 1.0,
@@ -89,8 +89,8 @@ impl Pass {
         let output = self.feed.step(sample, self.factor, CutPhase::Feed);
         assert_eq!(output.stop, None);
         (self.factor, self.in_air) = (output.factor, output.in_air);
-        self.place += self.factor * FEED / TURN_S * PERIOD_S;
-        let cut = self.piece.step(self.place, 0.0);
+        self.position += self.factor * FEED / TURN_S * PERIOD_S;
+        let cut = self.piece.step(self.position, 0.0);
         (self.load, self.depth) = (cut.load, cut.depth_mm);
         self.time_s += PERIOD_S;
     }
@@ -103,11 +103,11 @@ impl Pass {
         self.time_s += PERIOD_S;
     }
 
-    /// One cycle of a hold: the axes stand, and nothing is cut.
+    /// One cycle of a hold: the axes are at rest, and nothing is cut.
     fn hold(&mut self) {
         let sample = self.sensor.read(0.0, None);
         self.feed.step(sample, 0.0, CutPhase::Rest);
-        self.piece.step(self.place, 0.0);
+        self.piece.step(self.position, 0.0);
         self.time_s += PERIOD_S;
     }
 }
@@ -118,7 +118,7 @@ fn a_dead_sensor_is_no_air_in_later_passes() {
     let settings = AdaptiveSettings::usual(2200.0, TURN_S, PERIOD_S);
     for (name, blank) in blanks() {
         let mut pass = Pass::new(blank, settings, 0.01);
-        while pass.place < 15.0 {
+        while pass.position < 15.0 {
             pass.step(None);
         }
         if pass.in_air || pass.depth < 1.5 {
@@ -149,7 +149,7 @@ fn a_load_lost_in_a_hold_is_not_taken_for_air() {
                 AdaptiveSettings::usual(2200.0, TURN_S, PERIOD_S),
                 0.01,
             );
-            while pass.place < at_mm {
+            while pass.position < at_mm {
                 pass.step(None);
             }
             if pass.in_air || pass.depth < 1.5 {
@@ -223,7 +223,7 @@ fn blanks() -> Vec<(String, Blank)> {
 /// where it decays by no more than the slew rate permits until the decay shows.
 #[test]
 fn a_lost_load_never_raises_the_factor() {
-    let (mut moments, mut most, mut least) = (0, 0.0_f64, f64::INFINITY);
+    let (mut moments, mut max_rise, mut min_factor) = (0, 0.0_f64, f64::INFINITY);
     let mut random = Random::seeded(32);
     for (idle, noise) in [(1.5, 0.0), (1.5, 0.02), (2.0, 0.02)] {
         let settings = AdaptiveSettings {
@@ -235,7 +235,7 @@ fn a_lost_load_never_raises_the_factor() {
             let (mut shown, mut since, mut next) = (0, 0, 0.0);
             let mut depths = [0.0; TURN];
             let mut cycle = 0;
-            while pass.place < 117.0 {
+            while pass.position < 117.0 {
                 pass.step(None);
                 cycle += 1;
                 depths[cycle % TURN] = pass.depth;
@@ -263,7 +263,7 @@ fn a_lost_load_never_raises_the_factor() {
                     let mut lost = pass.clone();
                     let what = format!(
                         "{name}, idle {idle}, noise {noise}, {:.2} mm, {loss:?}",
-                        pass.place
+                        pass.position
                     );
                     // A decay shows when the cut is a fifth lower than the mean of its revolution, which is
                     // later while the cut grows.
@@ -276,7 +276,7 @@ fn a_lost_load_never_raises_the_factor() {
                     for k in 0..8 * TURN {
                         lost.step(Some((loss, k as f64 * PERIOD_S)));
                         let above = lost.factor - pass.factor;
-                        most = most.max(above);
+                        max_rise = max_rise.max(above);
                         assert!(
                             above <= rise,
                             "{what}: {} after {k} of {}",
@@ -296,12 +296,14 @@ fn a_lost_load_never_raises_the_factor() {
                         lost.factor
                     );
                     assert!(lost.factor >= settings.factor_min, "{what}: {}", lost.factor);
-                    least = least.min(lost.factor);
+                    min_factor = min_factor.min(lost.factor);
                     moments += 1;
                 }
             }
         }
     }
-    println!("{moments} losses: {most:.4} above the factor before at most; left at {least:.3} at least");
+    println!(
+        "{moments} losses: {max_rise:.4} above the factor before at most; left at {min_factor:.3} at least"
+    );
     assert!(moments > 1000, "{moments}");
 }

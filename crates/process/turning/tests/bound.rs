@@ -16,7 +16,7 @@ use crate::common::{
 
 /// Grid of heights, mm: coarser than the cells of the stock, and rounded down.
 const HEIGHT_MM: f64 = 0.1;
-const PLACES: usize = 400;
+const POSITIONS: usize = 400;
 const MAX_PASSES: usize = 12;
 
 /// `min[m][k]`: the minimum time per mm of path, s, to remove `k` steps of height in at most `m` cuts at
@@ -59,10 +59,10 @@ fn blind_bound_s(blank: &Blank, settings: &TurningSettings) -> f64 {
 fn bound_s(blank: &Blank, settings: &TurningSettings) -> (f64, usize) {
     let length = settings.length_mm;
     let overhead = TURN_S + 2.0 * settings.clear_out_mm / settings.out_speed_mm_s;
-    let step = length / PLACES as f64;
+    let step = length / POSITIONS as f64;
     let mut tables: Vec<(f64, Vec<Vec<f64>>)> = Vec::new();
     let mut times = [0.0; MAX_PASSES + 1];
-    for position in 0..PLACES {
+    for position in 0..POSITIONS {
         let at = (position as f64 + 0.5) * step;
         let (height, hardness) = (blank.height_mm(at), blank.hardness(at));
         let known = tables.iter().position(|(other, _)| *other == hardness);

@@ -22,7 +22,7 @@ fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {
     let mut simulation = Simulation::new(settings, blank.clone(), law(), sensor(seed)).unwrap();
     let mut log = String::new();
     let (figures, _) = simulation.run(3000.0, |output, _| {
-        limits.see(output);
+        limits.check(output);
         if let Some(transition) = output.transition {
             log += &format!("{transition:?}\n");
         }

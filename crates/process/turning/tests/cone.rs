@@ -32,7 +32,7 @@ fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Option<(Figures,
                 "{speed}: {output:?}"
             );
         }
-        limits.see(output);
+        limits.check(output);
         part.cut(output.along.position, output.out.position);
         if let Some(transition) = output.transition {
             log += &format!("{transition:?}\n");
@@ -156,7 +156,7 @@ fn a_hold_on_the_cone_stands_on_it_and_goes_on() {
             ..TurningInputs::default()
         };
         let (output, _) = simulation.step(inputs, None);
-        limits.see(&output);
+        limits.check(&output);
         part.cut(output.along.position, output.out.position);
         hold = (hold - 1).max(0);
         if output.state == TurningState::Climb && before == TurningState::Held {
@@ -189,7 +189,7 @@ fn a_hold_on_the_cone_stands_on_it_and_goes_on() {
 fn a_load_that_dies_on_the_cone_is_a_fault() {
     let seed = 0x5eed_dead_u64;
     let mut random = Random::from_state(seed);
-    let (mut seen, mut faults) = (0, 0);
+    let (mut count, mut faults) = (0, 0);
     for case in 0..cases(40) {
         let settings = with_cone(safe(), 175.0, 5.0 + 16.0 * random.unit());
         let blank = Blank::uniform(4.0 + 4.0 * random.unit());
@@ -223,7 +223,7 @@ fn a_load_that_dies_on_the_cone_is_a_fault() {
             }
         }
         if let Some(at) = dead {
-            seen += 1;
+            count += 1;
             let Some((fault, reason)) = fault_at else {
                 panic!("case {case}: no fault though {depth} mm stood at {at}");
             };
@@ -235,8 +235,8 @@ fn a_load_that_dies_on_the_cone_is_a_fault() {
             assert!(fault - at < 2.0 * 0.7, "{at} to {fault}");
         }
     }
-    println!("seed {seed:#x}: {faults} of {seen}");
-    assert!(seen >= 10, "{seen}");
+    println!("seed {seed:#x}: {faults} of {count}");
+    assert!(count >= 10, "{count}");
 }
 
 #[test]
@@ -274,7 +274,7 @@ fn a_jam_on_the_cone_retracts_and_can_continue() {
             ..TurningInputs::default()
         };
         let (output, _) = simulation.step(inputs, None);
-        limits.see(&output);
+        limits.check(&output);
         part.cut(output.along.position, output.out.position);
         climbing += u32::from(output.state == TurningState::Climb);
         if jammed.is_none() && climbing > 500 {

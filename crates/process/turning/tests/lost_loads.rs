@@ -21,7 +21,7 @@ fn lose_load(mut sim: Simulation, mut limits: Limits) -> (Option<Reason>, f64, b
     let (mut reason, mut turns, mut max) = (None, 0.0, 0.0_f64);
     while !sim.controller.is_over() && sim.figures.time_s < 3000.0 {
         let (output, cut) = sim.step(RUN, Some(SensorFault::Zero));
-        limits.see(&output);
+        limits.check(&output);
         let cuts = cut.depth_mm > 0.5 && output.along.velocity > 0.0 && reason.is_none();
         turns += f64::from(u8::from(cuts)) * PERIOD_S / turn_s;
         // The tool has been drawn back; counting restarts when it enters again.
@@ -45,7 +45,7 @@ fn a_load_that_goes_away_after_a_shoulder_is_a_fault() {
             let mut sim = simulation(settings, Blank::uniform(height), case as u64);
             let mut limits = Limits::new(&settings);
             while sim.controller.state() != TurningState::BackOff {
-                limits.see(&sim.step(RUN, None).0);
+                limits.check(&sim.step(RUN, None).0);
             }
             let (reason, turns, _) = lose_load(sim, limits);
             let what = format!("{height} mm, settings {case}: {reason:?} after {turns} revolutions");
@@ -71,7 +71,7 @@ fn a_load_lost_after_slots_is_not_done() {
         let mut shoulders = 0;
         while !sim.controller.is_over() {
             let (output, _) = sim.step(RUN, None);
-            limits.see(&output);
+            limits.check(&output);
             let leaves = before == TurningState::BackOff && output.state == TurningState::Approach;
             before = output.state;
             if leaves {
@@ -101,7 +101,7 @@ fn load_lost_in_a_cut_faults_in_two_revolutions() {
         let mut depths = vec![0.0; (TURN_S / PERIOD_S) as usize];
         while !sim.controller.is_over() {
             let (output, cut) = sim.step(RUN, None);
-            limits.see(&output);
+            limits.check(&output);
             depths.rotate_left(1);
             *depths.last_mut().unwrap() = cut.depth_mm;
             if sim.figures.time_s < next_s {
@@ -182,12 +182,12 @@ fn load_lost_just_before_a_cut_ends_is_a_fault() {
         let mut limits = Limits::new(&settings);
         for leave_s in leaves_s {
             while sim.figures.time_s < leave_s - 1.3 * TURN_S {
-                limits.see(&sim.step(RUN, None).0);
+                limits.check(&sim.step(RUN, None).0);
             }
             for before in 0..10 {
                 run_for(&mut sim, 0.1 * TURN_S, &mut limits);
                 let (output, cut) = sim.step(RUN, None);
-                limits.see(&output);
+                limits.check(&output);
                 if output.state != TurningState::Cut || cut.depth_mm < 1.5 {
                     continue;
                 }
@@ -230,18 +230,18 @@ fn no_job_is_done_without_load_while_stock_stands() {
         let mut next_s = random.between(0.0, 6.0);
         while !sim.controller.is_over() {
             let (output, _) = sim.step(RUN, None);
-            limits.see(&output);
+            limits.check(&output);
             if sim.figures.time_s < next_s {
                 continue;
             }
             next_s += random.between(1.0, 15.0);
-            let stands = sim.piece.residual_mm();
-            if stands < 1.0 {
+            let left_mm = sim.piece.residual_mm();
+            if left_mm < 1.0 {
                 continue;
             }
             let (reason, _, done) = lose_load(sim.clone(), limits.clone());
             let what = format!(
-                "case {case} at {:.3} s, {:?} of pass {}, {:.2} mm along, {:.2} mm out, {stands:.2} mm \
+                "case {case} at {:.3} s, {:?} of pass {}, {:.2} mm along, {:.2} mm out, {left_mm:.2} mm \
                  stand, {blank:?}: {reason:?}",
                 sim.figures.time_s, output.state, output.pass, output.along.position, output.out.position
             );
@@ -293,19 +293,19 @@ fn load_lost_between_passes_faults_on_short_stock() {
                     let mut before = TurningState::Idle;
                     while !sim.controller.is_over() {
                         let (output, _) = sim.step(RUN, None);
-                        limits.see(&output);
+                        limits.check(&output);
                         let leaves = output.state != before
                             && matches!(output.state, TurningState::Return | TurningState::ReEnter)
                             && output.pass > 0;
                         before = output.state;
-                        let stands = sim.piece.residual_mm();
-                        if !leaves || stands < 1.0 {
+                        let left_mm = sim.piece.residual_mm();
+                        if !leaves || left_mm < 1.0 {
                             continue;
                         }
                         let (reason, turns, done) = lose_load(sim.clone(), limits.clone());
                         let what = format!(
                             "{length_mm} mm, {height} mm high, settings {case}, wall {beyond_mm}, pass {}, \
-                             {stands:.2} mm stand: {reason:?} after {turns:.2} revolutions",
+                             {left_mm:.2} mm left: {reason:?} after {turns:.2} revolutions",
                             output.pass
                         );
                         assert!(

@@ -30,7 +30,7 @@ pub(crate) fn simulation(settings: TurningSettings, blank: Blank, seed: u64) -> 
 pub(crate) fn run_for(simulation: &mut Simulation, time_s: f64, limits: &mut Limits) -> bool {
     for _ in 0..(time_s / PERIOD_S) as u64 {
         let (output, _) = simulation.step(RUN, None);
-        limits.see(&output);
+        limits.check(&output);
         if simulation.controller.is_over() {
             return false;
         }
@@ -43,7 +43,7 @@ pub(crate) fn run_out(simulation: &mut Simulation, limits: &mut Limits) -> Optio
     let mut last = None;
     for _ in 0..600_000 {
         let (output, _) = simulation.step(RUN, None);
-        limits.see(&output);
+        limits.check(&output);
         if let Some(transition) = output.transition {
             last = Some(transition.reason);
         }
@@ -97,7 +97,7 @@ fn fail(mut sim: Simulation, mut limits: Limits, fault: SensorFault, what: &str)
     let (mut reason, mut blind_s) = (None, 0.0);
     loop {
         let (output, _) = sim.step(RUN, Some(fault));
-        limits.see(&output);
+        limits.check(&output);
         if let Some(transition) = output.transition
             && transition.to == TurningState::Fault
         {
@@ -150,7 +150,7 @@ fn a_failed_sensor_stops_the_feed_within_a_revolution() {
         // From the same run at many of its cycles.
         while !sim.controller.is_over() {
             let (output, _) = sim.step(RUN, None);
-            limits.see(&output);
+            limits.check(&output);
             if sim.figures.time_s < next_s {
                 continue;
             }
@@ -197,7 +197,7 @@ fn sensor_dropouts_never_overload() {
                 until_s += min_s + random.between(0.0, if fault.is_some() { longest_s } else { 10.0 });
             }
             let (output, _) = sim.step(RUN, fault);
-            limits.see(&output);
+            limits.check(&output);
             reason = output.transition.map(|transition| transition.reason).or(reason);
         }
         let (figures, _) = sim.run(0.0, |_, _| {});
@@ -234,14 +234,14 @@ fn an_overload_at_any_moment_draws_the_tool_out() {
             continue;
         }
         let (output, _) = sim.step(RUN, None);
-        limits.see(&output);
+        limits.check(&output);
         let height = output.out.position;
         // A jam: the load is three times the set one, independent of the cut.
         let (mut cycles, mut reason) = (0, None);
         while !sim.controller.is_over() {
             sim.jam(3.0 * SET);
             let (output, _) = sim.step(RUN, None);
-            limits.see(&output);
+            limits.check(&output);
             reason = output.transition.map(|transition| transition.reason).or(reason);
             cycles += 1;
             assert!(cycles < 2000);
@@ -263,7 +263,7 @@ fn a_load_lost_in_known_stock_is_a_broken_insert() {
         // The second pass cuts what the first one left.
         loop {
             let (output, _) = sim.step(RUN, None);
-            limits.see(&output);
+            limits.check(&output);
             let started = output.along.position > 20.0 + 15.0 * case as f64;
             if output.pass == 2 && output.state == TurningState::Cut && started {
                 break;
@@ -273,7 +273,7 @@ fn a_load_lost_in_known_stock_is_a_broken_insert() {
         while reason.is_none() {
             sim.jam(0.0);
             let (output, _) = sim.step(RUN, None);
-            limits.see(&output);
+            limits.check(&output);
             reason = output.transition.map(|transition| transition.reason);
             time += PERIOD_S;
             assert!(time < 2.0 * TURN_S, "not noticed");
@@ -373,7 +373,7 @@ fn random_holds_and_overrides_reach_size() {
                 };
             }
             let (output, _) = sim.step(inputs, None);
-            limits.see(&output);
+            limits.check(&output);
             reason = output.transition.map(|transition| transition.reason).or(reason);
             time += PERIOD_S;
             assert!(time < 3000.0);
@@ -399,7 +399,7 @@ fn a_held_tool_stands_and_goes_on_only_when_told() {
     run_for(&mut sim, 30.0, &mut limits);
     let held = TurningInputs { hold: true, ..RUN };
     for _ in 0..200 {
-        limits.see(&sim.step(held, None).0);
+        limits.check(&sim.step(held, None).0);
     }
     let before = sim.step(held, None).0;
     for _ in 0..5000 {

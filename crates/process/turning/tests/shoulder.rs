@@ -23,7 +23,7 @@ fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {
     let mut simulation = Simulation::new(settings, blank.clone(), law(), sensor(seed)).unwrap();
     let mut log = String::new();
     let (figures, _) = simulation.run(3000.0, |output, _| {
-        limits.see(output);
+        limits.check(output);
         part.cut(output.along.position, output.out.position);
         if let Some(transition) = output.transition {
             log += &format!("{transition:?}\n");
@@ -81,12 +81,12 @@ fn edges_of_any_lead_leave_one_wall() {
         };
         // An edge at 89 degrees reaches more than the deepest cut before the load can show it: at the face,
         // not at the wall.
-        let shares: &[f64] = if lead_deg > 88.0 {
+        let fractions: &[f64] = if lead_deg > 88.0 {
             &[0.3]
         } else {
             &[0.3, 0.6, 0.95]
         };
-        for fraction in shares {
+        for fraction in fractions {
             let blank = Blank::uniform(fraction * tool.reach_mm());
             // Steep edges reach their depth within a revolution, faster than the load shows it.
             let max = if lead_deg > 80.0 { 2.0 } else { 1.3 };

@@ -178,20 +178,20 @@ fn implausible_readings_become_trouble() {
         (2.0 * RANGE, SensorTrouble::Saturated),
         (-0.21 * SET, SensorTrouble::Negative),
     ] {
-        let seen = until_trouble(|w| w.reading(value, 0.4));
+        let found = until_trouble(|w| w.reading(value, 0.4));
         assert!(
-            seen.is_some_and(|(cycle, trouble)| soon.contains(&cycle) && trouble == expected),
-            "{value}: {seen:?}"
+            found.is_some_and(|(cycle, trouble)| soon.contains(&cycle) && trouble == expected),
+            "{value}: {found:?}"
         );
     }
     // 25 equal readings are too many; then 10 ms more.
     for value in [2000.0, 1e-5 * SET] {
-        let seen = until_trouble(|w| w.reading(value, 0.4));
+        let found = until_trouble(|w| w.reading(value, 0.4));
         assert!(
-            seen.is_some_and(
+            found.is_some_and(
                 |(cycle, trouble)| (35..=37).contains(&cycle) && trouble == SensorTrouble::Frozen
             ),
-            "{value}: {seen:?}"
+            "{value}: {found:?}"
         );
     }
 }

@@ -217,11 +217,11 @@ mod tests {
         bench.step(1000, Some(PowerRequest::On));
         assert_eq!(bench.events, []);
         bench.step(500, None);
-        let told = bench.events.iter().map(ToString::to_string).collect::<Vec<_>>();
-        assert_eq!(told.len(), 1, "{told:?}");
+        let messages = bench.events.iter().map(ToString::to_string).collect::<Vec<_>>();
+        assert_eq!(messages.len(), 1, "{messages:?}");
         assert!(
-            told[0].contains("no usable setpoints arrived for 10 periods"),
-            "{told:?}"
+            messages[0].contains("no usable setpoints arrived for 10 periods"),
+            "{messages:?}"
         );
         bench.step(500, Some(PowerRequest::On));
         assert_eq!(bench.events[1..], [SimEvent::Follows]);
@@ -244,9 +244,9 @@ mod tests {
                 axis: Some(1),
             }]);
             bench.step(1500, Some(PowerRequest::On));
-            let told = bench.events.iter().map(ToString::to_string).collect::<Vec<_>>();
-            assert_eq!(told.len(), 1, "{told:?}");
-            assert!(told[0].contains(wanted), "{told:?}");
+            let messages = bench.events.iter().map(ToString::to_string).collect::<Vec<_>>();
+            assert_eq!(messages.len(), 1, "{messages:?}");
+            assert!(messages[0].contains(wanted), "{messages:?}");
         }
     }
 }

@@ -38,8 +38,8 @@
 //! own ramp at a quick stop or a fault; without torque, friction stops it. When one drive leaves operation,
 //! the bridge quick-stops the others, so that the axes follow together or not at all.
 //!
-//! The crate knows the bus and what every bridge needs of `evolvent-drive`, not the rest of the core, and can
-//! serve as a model for other bridges.
+//! The crate depends on the bus and the parts of `evolvent-drive` that every bridge needs, not on the rest of
+//! the core, and can serve as a model for other bridges.
 
 mod bridge;
 mod clock;

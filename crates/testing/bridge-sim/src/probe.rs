@@ -191,7 +191,7 @@ fn surface_of(text: &str) -> Result<Surface, String> {
 /// A change that has not been reported yet.
 #[derive(Clone, Copy, Debug)]
 struct Change {
-    tell_ns: u64,
+    report_ns: u64,
     is_tripped: bool,
     time_ns: u64,
     position: [f64; AXES],
@@ -206,7 +206,7 @@ pub struct SimProbe {
     first_contact_ns: Option<u64>,
     begin_ns: Option<u64>,
     now_ns: u64,
-    told: Option<Change>,
+    reported: Option<Change>,
     trips: u64,
 }
 
@@ -221,7 +221,7 @@ impl SimProbe {
             first_contact_ns: None,
             begin_ns: None,
             now_ns: 0,
-            told: None,
+            reported: None,
             trips: 0,
         }
     }
@@ -236,8 +236,8 @@ impl SimProbe {
         if let Some((time_ns, from, was)) = self.before
             && was != is_now
         {
-            let at = |share: f64| -> [f64; AXES] {
-                std::array::from_fn(|axis| from[axis] + share * (position[axis] - from[axis]))
+            let at = |fraction: f64| -> [f64; AXES] {
+                std::array::from_fn(|axis| from[axis] + fraction * (position[axis] - from[axis]))
             };
             let (mut low, mut high) = (0.0, 1.0);
             for _ in 0..60 {
@@ -254,7 +254,7 @@ impl SimProbe {
             let named: [f64; AXES] = std::array::from_fn(|axis| truly[axis] + offset[axis]);
             let period_ns = now_ns - time_ns;
             let change = |number: u64, is_tripped| Change {
-                tell_ns: contact_ns
+                report_ns: contact_ns
                     + self.settings.delay_ns
                     + self.settings.unknown_delay_ns
                     + number * period_ns,
@@ -272,7 +272,7 @@ impl SimProbe {
             }
         } else if self.before.is_none() && is_now {
             self.changes.push_back(Change {
-                tell_ns: now_ns,
+                report_ns: now_ns,
                 is_tripped: true,
                 time_ns: now_ns,
                 position: *shown,
@@ -286,10 +286,10 @@ impl SimProbe {
         let is_due = self
             .changes
             .front()
-            .is_some_and(|change| change.tell_ns <= self.now_ns);
+            .is_some_and(|change| change.report_ns <= self.now_ns);
         if is_due {
-            self.told = self.changes.pop_front();
-            self.trips += u64::from(self.told.is_some_and(|change| change.is_tripped));
+            self.reported = self.changes.pop_front();
+            self.trips += u64::from(self.reported.is_some_and(|change| change.is_tripped));
         }
         is_due
     }
@@ -311,11 +311,11 @@ impl SimProbe {
         }
         message.probe = OPEN;
         message.probe_trips = self.trips;
-        if let Some(told) = &self.told {
-            message.probe = if told.is_tripped { TRIPPED } else { OPEN };
-            message.probe_time_ns = told.time_ns;
+        if let Some(reported) = &self.reported {
+            message.probe = if reported.is_tripped { TRIPPED } else { OPEN };
+            message.probe_time_ns = reported.time_ns;
             if self.settings.latches {
-                message.probe_position = told.position;
+                message.probe_position = reported.position;
                 message.probe_latched_mask = (1 << AXES) - 1;
             }
         }
@@ -366,10 +366,10 @@ mod tests {
             "plane:Z<1;delay=-1",
             "plane:Z<1;slow",
         ] {
-            let said = text.parse::<ProbeSettings>().unwrap_err();
+            let message = text.parse::<ProbeSettings>().unwrap_err();
             assert!(
-                ["give", "choose"].iter().any(|cure| said.contains(cure)),
-                "{text}: {said}"
+                ["give", "choose"].iter().any(|cure| message.contains(cure)),
+                "{text}: {message}"
             );
         }
     }

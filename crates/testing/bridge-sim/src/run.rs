@@ -107,17 +107,17 @@ pub fn run(
     stop: &AtomicBool,
     mut on_core: impl FnMut(&str, u64),
 ) -> Result<SimReport, RunError> {
-    let tell = |event: &SimEvent| {
+    let on_event = |event: &SimEvent| {
         if let SimEvent::Core { axes, period_ns } = event {
             on_core(axes, *period_ns);
         }
     };
-    run_cutting(settings, stop, tell, |_| None, None)
+    run_cutting(settings, stop, on_event, |_| None, None)
 }
 
 /// Runs until `stop` is set or the duration is over. Waits for a core without a time limit, keeps running
-/// when the core ends, and connects to the next one. `tell` receives the events. `cutting` is called once,
-/// when a core is found, with the period in ns; the cut that it returns is evaluated every period and its
+/// when the core ends, and connects to the next one. `on_event` receives the events. `cutting` is called
+/// once, when a core is found, with the period in ns; the cut that it returns is evaluated every period and its
 /// load is published. `signalling` reads the inputs, if there are any; they are sent when they change, and
 /// every 5 ms.
 ///
@@ -126,7 +126,7 @@ pub fn run(
 pub fn run_cutting(
     settings: &RunSettings,
     stop: &AtomicBool,
-    mut tell: impl FnMut(&SimEvent),
+    mut on_event: impl FnMut(&SimEvent),
     cutting: impl FnOnce(u64) -> Option<Cutting>,
     signalling: Option<Signalling>,
 ) -> Result<SimReport, RunError> {
@@ -142,7 +142,7 @@ pub fn run_cutting(
     while !over() {
         if let Some((letters, period_ns)) = machine.find_core(cutting.is_some())? {
             is_awaited = true;
-            tell(&SimEvent::Core {
+            on_event(&SimEvent::Core {
                 axes: letters.clone(),
                 period_ns,
             });
@@ -156,7 +156,7 @@ pub fn run_cutting(
         let Some((bridge, clock)) = &mut model else {
             if !is_awaited {
                 is_awaited = true;
-                tell(&SimEvent::Waiting);
+                on_event(&SimEvent::Waiting);
             }
             std::thread::sleep(Duration::from_millis(10));
             continue;
@@ -171,7 +171,7 @@ pub fn run_cutting(
         while clock.next_ns() <= now_ns {
             machine.step(bridge, clock.tick());
             if let Some(event) = follow_watch.step(bridge) {
-                tell(&event);
+                on_event(&event);
             }
         }
         machine.send_inputs(now_ns);
@@ -191,7 +191,7 @@ struct SimMachine<'a> {
     settings: &'a RunSettings,
     ports: Option<Ports>,
     /// Time of the last message of the core.
-    heard_ns: u64,
+    received_ns: u64,
     setpoint: Option<Setpoint>,
     outputs: OutputFollower,
     spindles: Vec<SimSpindle>,
@@ -207,7 +207,7 @@ impl<'a> SimMachine<'a> {
         Self {
             settings,
             ports: None,
-            heard_ns: begin_ns,
+            received_ns: begin_ns,
             setpoint: None,
             outputs: OutputFollower::default(),
             spindles: spindles
@@ -230,7 +230,7 @@ impl<'a> SimMachine<'a> {
         match connect(self.settings, measures, self.inputs.is_some()) {
             Ok((ports, letters, period_ns)) => {
                 self.report.connections += 1;
-                self.heard_ns = monotonic_ns();
+                self.received_ns = monotonic_ns();
                 self.ports = Some(ports);
                 Ok(Some((letters, period_ns)))
             }
@@ -248,13 +248,13 @@ impl<'a> SimMachine<'a> {
             match ports.setpoints.receive() {
                 Ok(None) => break false,
                 Ok(Some(setpoint)) => {
-                    self.heard_ns = now_ns;
+                    self.received_ns = now_ns;
                     self.report.setpoints += 1;
                     self.setpoint = Some(setpoint);
                     bridge.offer(tick_ns, &setpoint);
                 }
                 Err(ReceiveError::Version { .. }) => {
-                    self.heard_ns = now_ns;
+                    self.received_ns = now_ns;
                     bridge.refuse_version();
                 }
                 Err(ReceiveError::Broken { .. }) => break true,
@@ -315,8 +315,8 @@ impl<'a> SimMachine<'a> {
 
     /// Closes the ports if the core has ended: the next core may have others.
     fn leave_lost_core(&mut self, is_broken: bool, now_ns: u64) {
-        if is_broken || now_ns.saturating_sub(self.heard_ns) > RECONNECT_NS {
-            self.heard_ns = now_ns;
+        if is_broken || now_ns.saturating_sub(self.received_ns) > RECONNECT_NS {
+            self.received_ns = now_ns;
             self.ports = None;
         }
     }

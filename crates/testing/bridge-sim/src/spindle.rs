@@ -121,16 +121,16 @@ impl SimSpindle {
         if has(FaultKind::SpindleSlow) {
             wanted *= SLOW_RATIO;
         }
-        let mut most = self.simulation.acceleration_rpm_s * seconds;
+        let mut max_change = self.simulation.acceleration_rpm_s * seconds;
         if has(FaultKind::SpindleFault) || has(FaultKind::SpindleStall) {
             wanted = 0.0;
-            most *= if has(FaultKind::SpindleStall) {
+            max_change *= if has(FaultKind::SpindleStall) {
                 STALL_FACTOR
             } else {
                 1.0
             };
         }
-        self.speed_rpm += (wanted - self.speed_rpm).clamp(-most, most);
+        self.speed_rpm += (wanted - self.speed_rpm).clamp(-max_change, max_change);
         self.turns += self.speed_rpm() / 60.0 * seconds;
         let mut is_oriented = false;
         if is_orienting && self.speed_rpm.abs() < STANDING_RPM && !has(FaultKind::SpindleFault) {
@@ -184,12 +184,12 @@ impl SimSpindle {
         (highest - self.index).floor() >= (lowest - self.index).ceil()
     }
 
-    /// Turns towards the commanded angle by at most `most` turns. Returns whether the spindle is oriented.
-    fn turn_to(&mut self, outputs: &MachineOutputs, slot: usize, most: f64) -> bool {
+    /// Turns towards the commanded angle by at most `max_turns`. Returns whether the spindle is oriented.
+    fn turn_to(&mut self, outputs: &MachineOutputs, slot: usize, max_turns: f64) -> bool {
         let target = outputs.spindle_angle.get(slot).copied().unwrap_or(0.0) / 360.0;
         let ahead = (target - self.angle()).rem_euclid(1.0);
         let is_there = ahead.min(1.0 - ahead) <= ORIENTED_TURNS;
-        let way = match outputs.spindle_way.get(slot) {
+        let turns = match outputs.spindle_way.get(slot) {
             _ if is_there && ahead > 0.5 => ahead - 1.0,
             _ if is_there => ahead,
             Some(1) => ahead,
@@ -197,7 +197,7 @@ impl SimSpindle {
             _ if ahead > 0.5 => ahead - 1.0,
             _ => ahead,
         };
-        self.turns += way.clamp(-most, most);
+        self.turns += turns.clamp(-max_turns, max_turns);
         is_there && self.is_indexed()
     }
 }
@@ -251,7 +251,7 @@ mod tests {
             ..SpindleSimulation::usual(0)
         };
         let mut spindle = SimSpindle::new(simulation, 1);
-        let (mut last, mut seen) = (None::<SpindleFeedback>, 0);
+        let (mut last, mut count) = (None::<SpindleFeedback>, 0);
         for ms in 0..5000 {
             let message = spindle.step(ms * MS, &outputs(1, 600.0), &[]).unwrap();
             let angle = message.turns as f64 + message.fraction;
@@ -260,31 +260,31 @@ mod tests {
                 let before = last.turns as f64 + last.fraction;
                 let step = message.speed_rpm / 60e3;
                 assert!((angle - before - step).abs() < 2.1e-3, "{ms} ms");
-                seen += 1;
+                count += 1;
             }
             last = Some(message);
         }
-        assert_eq!(seen, 4999);
+        assert_eq!(count, 4999);
         // 600 rpm: 10 turns a second, less the loss during acceleration.
         assert!((45.0..50.0).contains(&spindle.angle()), "{}", spindle.angle());
     }
 
     #[test]
     fn it_turns_to_an_angle_by_the_way_that_is_asked_for() {
-        for (way, least, most) in [(0, 0.0, 0.5), (1, 0.0, 1.0), (2, -1.0, 0.0)] {
+        for (direction, min, max) in [(0, 0.0, 0.5), (1, 0.0, 1.0), (2, -1.0, 0.0)] {
             let mut spindle = SimSpindle::new(SpindleSimulation::usual(0), 1);
             spindle.step(0, &outputs(1, 60.0), &[]);
             until(&mut spindle, 0, &outputs(1, 60.0), spindle_flags::INDEXED).unwrap();
             until(&mut spindle, 3000, &outputs(0, 60.0), spindle_flags::AT_SPEED).unwrap();
             let before = spindle.angle();
             let mut wanted = outputs(3, 60.0);
-            (wanted.spindle_angle[0], wanted.spindle_way[0]) = (90.0, way);
+            (wanted.spindle_angle[0], wanted.spindle_way[0]) = (90.0, direction);
             let (_, message) = until(&mut spindle, 20_000, &wanted, spindle_flags::ORIENTED).unwrap();
             assert!((message.fraction - 0.25).abs() < 4e-4, "{}", message.fraction);
             let turned = spindle.angle() - before;
             assert!(
-                (least - 1e-3..=most + 1e-3).contains(&turned),
-                "way {way}: {turned}"
+                (min - 1e-3..=max + 1e-3).contains(&turned),
+                "way {direction}: {turned}"
             );
         }
     }

@@ -130,7 +130,7 @@ struct Outcome {
     /// Speed of each axis at the end.
     speed: [f64; 3],
     /// Maximum velocity and acceleration of the axes as fractions of the limits.
-    shares: [f64; 2],
+    limit_fractions: [f64; 2],
     states: Vec<DriveState>,
 }
 
@@ -145,12 +145,12 @@ fn run(fault: Option<Fault>, seconds: f64) -> Outcome {
         axis: None,
     }));
     let mut core = Core::new(0.0);
-    let mut on_the_way: VecDeque<Feedback> = VecDeque::new();
+    let mut in_transit: VecDeque<Feedback> = VecDeque::new();
     let mut outcome = Outcome {
         alarm: None,
         noticed_ns: 0,
         speed: [0.0; 3],
-        shares: [0.0; 2],
+        limit_fractions: [0.0; 2],
         states: Vec::new(),
     };
     let blocked = fault
@@ -160,11 +160,11 @@ fn run(fault: Option<Fault>, seconds: f64) -> Outcome {
     for cycle in 0..(seconds / PERIOD_S) as u64 {
         let now_ns = 1_000_000_000 + cycle * PERIOD_NS;
         // Messages arrive one period after they were sent.
-        let newest = on_the_way.drain(..).next_back();
+        let newest = in_transit.drain(..).next_back();
         let setpoint = core.cycle(now_ns, newest.as_ref());
         bridge.offer(now_ns, &setpoint);
         let drives_ns = now_ns + 400_000 + cycle * 50;
-        on_the_way.extend(bridge.step(drives_ns));
+        in_transit.extend(bridge.step(drives_ns));
         if outcome.alarm.is_none()
             && let (Some(alarm), Some(since_ns), Some(fault)) =
                 (core.alarm, bridge.operating_since_ns(), fault)
@@ -175,8 +175,9 @@ fn run(fault: Option<Fault>, seconds: f64) -> Outcome {
         for (i, drive) in bridge.drives().iter().enumerate() {
             let now = drive.servo().velocity;
             if blocked != Some(Some(i)) {
-                outcome.shares[0] = outcome.shares[0].max(now.abs() / LIMITS[0]);
-                outcome.shares[1] = outcome.shares[1].max((now - velocity[i]).abs() / PERIOD_S / LIMITS[1]);
+                outcome.limit_fractions[0] = outcome.limit_fractions[0].max(now.abs() / LIMITS[0]);
+                outcome.limit_fractions[1] =
+                    outcome.limit_fractions[1].max((now - velocity[i]).abs() / PERIOD_S / LIMITS[1]);
             }
             velocity[i] = now;
         }
@@ -191,11 +192,11 @@ fn run(fault: Option<Fault>, seconds: f64) -> Outcome {
 fn a_minute_without_faults_has_no_alarm() {
     let outcome = run(None, 60.0);
     assert_eq!(outcome.alarm, None);
-    assert!(outcome.shares[0] > 0.5, "{:?}", outcome.shares);
+    assert!(outcome.limit_fractions[0] > 0.5, "{:?}", outcome.limit_fractions);
     assert!(
-        outcome.shares.iter().all(|share| *share < 1.0),
+        outcome.limit_fractions.iter().all(|fraction| *fraction < 1.0),
         "{:?}",
-        outcome.shares
+        outcome.limit_fractions
     );
 }
 
@@ -261,7 +262,7 @@ fn every_fault_is_reported_and_stops_within_limits() {
     let mut random = Random::new();
     let of_drives = |kind: FaultKind| !kind.is_of_load() && !kind.is_of_spindle() && !kind.is_of_homing();
     for (kind, name) in FaultKind::ALL.into_iter().filter(|(kind, _)| of_drives(*kind)) {
-        let (mut slowest_ns, mut shares) = (0, [0.0_f64; 2]);
+        let (mut slowest_ns, mut limit_fractions) = (0, [0.0_f64; 2]);
         for _ in 0..50 {
             let axis = random.between(0.0, 3.0) as usize;
             let fault = Fault {
@@ -281,16 +282,19 @@ fn every_fault_is_reported_and_stops_within_limits() {
                 outcome.speed
             );
             for i in 0..2 {
-                shares[i] = shares[i].max(outcome.shares[i]);
+                limit_fractions[i] = limit_fractions[i].max(outcome.limit_fractions[i]);
             }
             slowest_ns = slowest_ns.max(outcome.noticed_ns);
         }
         println!(
-            "{name}: noticed within {} ms, shares of the limits {shares:.3?}",
+            "{name}: noticed within {} ms, fractions of the limits {limit_fractions:.3?}",
             slowest_ns / 1_000_000
         );
         // The loop's response to a ramp of full acceleration overshoots a little.
-        assert!(shares[0] <= 1.0 && shares[1] <= 1.15, "{name}: {shares:?}");
+        assert!(
+            limit_fractions[0] <= 1.0 && limit_fractions[1] <= 1.15,
+            "{name}: {limit_fractions:?}"
+        );
     }
 }
 
@@ -340,8 +344,8 @@ fn drives_stop_by_themselves_when_the_core_dies() {
             assert!(drive.servo().velocity.abs() < 1e-3);
             assert_eq!(drive.state(), DriveState::OperationEnabled, "held under torque");
             let v = LIMITS[0];
-            let way = v * 0.02 + v * v / (2.0 * LIMITS[1]) + v * LIMITS[1] / LIMITS[2];
-            assert!((drive.servo().position - at_death[i]).abs() < way);
+            let distance = v * 0.02 + v * v / (2.0 * LIMITS[1]) + v * LIMITS[1] / LIMITS[2];
+            assert!((drive.servo().position - at_death[i]).abs() < distance);
         }
     }
     assert!(worst <= 1.15, "{worst}");
@@ -395,7 +399,7 @@ fn a_load_sensor_fails_as_configured() {
                 continue;
             }
             faulty += 1;
-            let as_told = match kind {
+            let as_configured = match kind {
                 FaultKind::LoadZero => read == Some((0.0, 5000.0)),
                 FaultKind::LoadLost => read.is_none(),
                 FaultKind::LoadNan => read.is_some_and(|(value, _)| value.is_nan()),
@@ -404,7 +408,7 @@ fn a_load_sensor_fails_as_configured() {
                 // The value at its first moment.
                 _ => read == Some((value - f64::from(faulty - 1), 5000.0)),
             };
-            assert!(as_told, "{name}: {read:?} for {value}");
+            assert!(as_configured, "{name}: {read:?} for {value}");
         }
         assert_eq!(faulty, 200, "{name}");
     }

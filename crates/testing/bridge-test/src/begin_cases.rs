@@ -3,8 +3,8 @@
 use evolvent_drive::{DriveState, PowerRequest};
 
 use crate::case::{CaseError, Stage};
-use crate::cases::{CLOSE, Judged, demand, extent, follows, stands, up};
-use crate::test_core::{Fate, LATEST_S, PERIOD_NS, Seen, TestCore, is_following, states};
+use crate::cases::{CLOSE, Judged, demand, extent, follows, is_at_rest, up};
+use crate::test_core::{Fate, FeedbackSample, LATEST_S, PERIOD_NS, TestCore, is_following, states};
 
 /// Distance from which on a setpoint counts as elsewhere, mm: a bridge may begin within 1 mm, and a drive may
 /// hold its position with an error of `CLOSE`.
@@ -20,9 +20,9 @@ pub(crate) fn begin(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     let silence = |core: &mut TestCore| {
         core.rest_with(1.0, &mut |_| Fate::Lost);
-        let seen = core.feedback().copied();
+        let sample = core.feedback().copied();
         let _before = core.take_log();
-        seen.ok_or_else(|| CaseError::new("no feedback any more without setpoints"))
+        sample.ok_or_else(|| CaseError::new("no feedback any more without setpoints"))
     };
     for (axis, off) in [(0, ELSEWHERE), (1, -ELSEWHERE), (2, ELSEWHERE)] {
         let here = silence(&mut core)?.position[axis];
@@ -32,7 +32,7 @@ pub(crate) fn begin(stage: &mut Stage<'_>) -> Judged {
     // off.
     core.request(PowerRequest::Off);
     let here = core.until("drives out of operation", LATEST_S, |feedback| {
-        stands(feedback) && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
+        is_at_rest(feedback) && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
     })?;
     core.request(PowerRequest::On);
     let _before = core.take_log();
@@ -64,8 +64,8 @@ fn begins_elsewhere(core: &mut TestCore, seconds: f64, axis: usize, position: f6
     demand(moved <= CLOSE, || {
         format!("moved by {moved:.3} towards setpoints that begin {ELSEWHERE} mm from axis {axis}")
     })?;
-    let says = log.last().is_some_and(|seen| is_following(&seen.feedback));
-    demand(!says, || {
+    let reports_following = log.last().is_some_and(|sample| is_following(&sample.feedback));
+    demand(!reports_following, || {
         format!("reports that it follows setpoints that begin {ELSEWHERE} mm from axis {axis}")
     })
 }
@@ -82,7 +82,8 @@ pub(crate) fn begin_beside(stage: &mut Stage<'_>) -> Judged {
         if by_power {
             core.request(PowerRequest::Off);
             core.until("drives out of operation", LATEST_S, |feedback| {
-                stands(feedback) && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
+                is_at_rest(feedback)
+                    && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
             })?;
         } else {
             core.rest_with(1.0, &mut |_| Fate::Lost);
@@ -92,7 +93,7 @@ pub(crate) fn begin_beside(stage: &mut Stage<'_>) -> Judged {
         let mut position = here.position;
         let from = position[axis];
         position[axis] += off;
-        core.stand_at(position);
+        core.set_position(position);
         core.request(PowerRequest::On);
         let _before = core.take_log();
         core.rest(0.3);
@@ -107,7 +108,7 @@ pub(crate) fn begin_beside(stage: &mut Stage<'_>) -> Judged {
             },
         )?;
         core.rest(0.3);
-        judge_way(&core.take_log(), axis, from, off)?;
+        judge_duration(&core.take_log(), axis, from, off)?;
         core.bring_up()?;
     }
     follows(&mut core)
@@ -115,14 +116,14 @@ pub(crate) fn begin_beside(stage: &mut Stage<'_>) -> Judged {
 
 /// The axis takes at least the time that `HARDEST` permits. So does its target, if the bridge declares the
 /// following error.
-fn judge_way(log: &[Seen], axis: usize, from: f64, off: f64) -> Judged {
+fn judge_duration(log: &[FeedbackSample], axis: usize, from: f64, off: f64) -> Judged {
     // From a tenth to nine tenths of the distance, with acceleration over its first half and deceleration
     // over the second.
     let min_s = 2.0 * (1.0 - 0.2_f64.sqrt()) * (off.abs() / HARDEST).sqrt();
     for (what, declared) in [("axis", 0.0), ("target of axis", 1.0)] {
         let mut left_ns = 0;
-        for seen in log {
-            let feedback = &seen.feedback;
+        for sample in log {
+            let feedback = &sample.feedback;
             let position = feedback.position[axis] + declared * feedback.following_error[axis];
             let part = (position - from) / off;
             if part <= 0.1 {

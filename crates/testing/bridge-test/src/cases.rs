@@ -8,13 +8,13 @@ use evolvent_drive::{DriveState, PowerRequest};
 
 use crate::case::{CaseError, Stage};
 use crate::core_process::CoreProcess;
-use crate::test_core::{Fate, LATEST_S, LEAD, PERIOD_NS, Seen, TestCore, is_following, states};
+use crate::test_core::{Fate, FeedbackSample, LATEST_S, LEAD, PERIOD_NS, TestCore, is_following, states};
 pub(crate) use crate::timing::due;
 
 pub(crate) type Judged = Result<(), CaseError>;
 
 /// Distance of the moves, mm.
-pub(crate) const WAY: f64 = 5.0;
+pub(crate) const DISTANCE_MM: f64 = 5.0;
 /// Maximum distance between an axis and its setpoint at rest, mm.
 pub(crate) const CLOSE: f64 = 0.2;
 /// Maximum distance that an axis may move without setpoints, mm: the moves are slow.
@@ -34,7 +34,7 @@ pub(crate) fn up(stage: &mut Stage<'_>) -> Result<TestCore, CaseError> {
 
 /// The axes reach their setpoints.
 pub(crate) fn follows(core: &mut TestCore) -> Judged {
-    for by in [WAY, -WAY] {
+    for by in [DISTANCE_MM, -DISTANCE_MM] {
         core.move_by(by, 0.4, &mut |_| Fate::Sent);
         // Sent setpoints are due a lead later.
         core.rest((LEAD * PERIOD_NS) as f64 * 1e-9 + 0.3);
@@ -54,15 +54,15 @@ pub(crate) fn follows(core: &mut TestCore) -> Judged {
 }
 
 /// Range of positions of the axis that moved farthest.
-pub(crate) fn extent(log: &[Seen]) -> f64 {
+pub(crate) fn extent(log: &[FeedbackSample]) -> f64 {
     let of = |axis: usize| {
-        let positions = log.iter().map(move |seen| seen.feedback.position[axis]);
+        let positions = log.iter().map(move |sample| sample.feedback.position[axis]);
         positions.clone().fold(f64::MIN, f64::max) - positions.fold(f64::MAX, f64::min)
     };
     (0..3).map(of).fold(0.0, f64::max)
 }
 
-pub(crate) fn stands(feedback: &Feedback) -> bool {
+pub(crate) fn is_at_rest(feedback: &Feedback) -> bool {
     feedback.velocity[..3].iter().all(|velocity| velocity.abs() < 0.1)
 }
 
@@ -88,7 +88,7 @@ pub(crate) fn core_first(stage: &mut Stage<'_>) -> Judged {
 pub(crate) fn feedback(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     let begin_ns = monotonic_ns();
-    core.swing(WAY, 1.5, &mut |_| Fate::Sent);
+    core.swing(DISTANCE_MM, 1.5, &mut |_| Fate::Sent);
     // Waits for the messages of a bridge that is not running at the moment.
     core.rest(0.1);
     let log = core.take_log();
@@ -96,15 +96,15 @@ pub(crate) fn feedback(stage: &mut Stage<'_>) -> Judged {
     demand(log.len() as u64 >= expected * 8 / 10, || {
         format!("{} replies to {expected} setpoints", log.len())
     })?;
-    let mut last: Option<Seen> = None;
+    let mut last: Option<FeedbackSample> = None;
     let mut stale = 0;
-    for seen in &log {
-        let feedback = &seen.feedback;
+    for sample in &log {
+        let feedback = &sample.feedback;
         demand(feedback.axes_mask & 0b111 == 0b111, || {
             format!("axes mask {:#b}", feedback.axes_mask)
         })?;
         demand(feedback.is_finite(), || "a number that is not finite".to_owned())?;
-        stale += u32::from(seen.now_ns.abs_diff(feedback.time_ns) > 100_000_000);
+        stale += u32::from(sample.now_ns.abs_diff(feedback.time_ns) > 100_000_000);
         if let Some(last) = last {
             demand(feedback.sequence >= last.feedback.sequence, || {
                 format!("reply {} after {}", feedback.sequence, last.feedback.sequence)
@@ -116,7 +116,7 @@ pub(crate) fn feedback(stage: &mut Stage<'_>) -> Judged {
                 "the instance changes without a restart".to_owned()
             })?;
         }
-        last = Some(*seen);
+        last = Some(*sample);
     }
     demand(u64::from(stale) * 20 < log.len() as u64, || {
         format!(
@@ -135,7 +135,7 @@ pub(crate) fn power(stage: &mut Stage<'_>) -> Judged {
     })?;
     core.request(PowerRequest::QuickStop);
     core.until("out of operation after a quick stop", LATEST_S, |feedback| {
-        stands(feedback) && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
+        is_at_rest(feedback) && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
     })?;
     core.request(PowerRequest::On);
     core.rest(0.5);
@@ -157,13 +157,18 @@ pub(crate) fn quick_stop(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     core.rest(0.3);
     let _before = core.take_log();
-    let asked_ns = monotonic_ns();
+    let requested_ns = monotonic_ns();
     core.request(PowerRequest::QuickStop);
     let stopped =
         |feedback: &Feedback| states(feedback).all(|state| state != Some(DriveState::OperationEnabled));
     core.until("out of operation after a quick stop", LATEST_S, stopped)?;
-    let first = core.take_log().into_iter().find(|seen| stopped(&seen.feedback));
-    let took_ns = first.map_or(u64::MAX, |seen| seen.feedback.time_ns.saturating_sub(asked_ns));
+    let first = core
+        .take_log()
+        .into_iter()
+        .find(|sample| stopped(&sample.feedback));
+    let took_ns = first.map_or(u64::MAX, |sample| {
+        sample.feedback.time_ns.saturating_sub(requested_ns)
+    });
     demand(took_ns <= AT_ONCE_NS, || {
         format!(
             "a quick stop took effect after {} ms, when it was due, and not at once",
@@ -242,7 +247,7 @@ pub(crate) fn silent_start(stage: &mut Stage<'_>) -> Judged {
     let operates =
         |feedback: &Feedback| states(feedback).any(|state| state == Some(DriveState::OperationEnabled));
     core.until("drives out of operation", LATEST_S, |feedback| {
-        stands(feedback) && !operates(feedback)
+        is_at_rest(feedback) && !operates(feedback)
     })?;
     core.rest((LEAD * PERIOD_NS) as f64 * 1e-9);
     let _before = core.take_log();
@@ -256,19 +261,21 @@ pub(crate) fn silent_start(stage: &mut Stage<'_>) -> Judged {
         Fate::Sent
     });
     let log = core.take_log();
-    let is_heard = log
+    let still_sends = log
         .last()
-        .is_some_and(|seen| seen.feedback.time_ns > due_ns + 2 * POWERED_ALONE_NS);
-    demand(is_heard, || "no feedback any more without setpoints".to_owned())?;
-    let first = log.iter().find(|seen| operates(&seen.feedback));
-    let took_ns = first.map_or(0, |seen| seen.feedback.time_ns.saturating_sub(due_ns));
+        .is_some_and(|sample| sample.feedback.time_ns > due_ns + 2 * POWERED_ALONE_NS);
+    demand(still_sends, || {
+        "no feedback any more without setpoints".to_owned()
+    })?;
+    let first = log.iter().find(|sample| operates(&sample.feedback));
+    let took_ns = first.map_or(0, |sample| sample.feedback.time_ns.saturating_sub(due_ns));
     demand(took_ns <= POWERED_ALONE_NS, || {
         format!(
             "a drive came into operation {} ms after the last setpoint",
             took_ns / 1_000_000
         )
     })?;
-    let follows_nobody = log.last().is_some_and(|seen| !is_following(&seen.feedback));
+    let follows_nobody = log.last().is_some_and(|sample| !is_following(&sample.feedback));
     demand(follows_nobody, || {
         format!(
             "reports that it follows 1.5 s after the last setpoint; {}",
@@ -282,11 +289,11 @@ pub(crate) fn silent_start(stage: &mut Stage<'_>) -> Judged {
 pub(crate) fn version(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     for (interface_version, struct_size) in [(2, 400), (1, 392), (0, 0)] {
-        core.move_by(WAY, 0.3, &mut |setpoint| {
+        core.move_by(DISTANCE_MM, 0.3, &mut |setpoint| {
             (setpoint.interface_version, setpoint.struct_size) = (interface_version, struct_size);
             Fate::Sent
         });
-        core.move_by(-WAY, 0.3, &mut |setpoint| {
+        core.move_by(-DISTANCE_MM, 0.3, &mut |setpoint| {
             (setpoint.interface_version, setpoint.struct_size) = (interface_version, struct_size);
             Fate::Sent
         });
@@ -319,7 +326,7 @@ pub(crate) fn datum(stage: &mut Stage<'_>) -> Judged {
     let log = core.take_log();
     let fastest = log
         .iter()
-        .map(|seen| seen.feedback.velocity[0].abs())
+        .map(|sample| sample.feedback.velocity[0].abs())
         .fold(0.0, f64::max);
     demand(fastest < 1.0, || {
         format!("the axis moved at {fastest:.3} mm/s when only the datum changed")
@@ -333,7 +340,7 @@ pub(crate) fn core_restart(stage: &mut Stage<'_>) -> Judged {
         let mut core = stage.open_core()?;
         core.bring_up()?;
         let seconds = stage.between(0.05, 0.5);
-        core.move_by(WAY * seconds, seconds, &mut |_| Fate::Sent);
+        core.move_by(DISTANCE_MM * seconds, seconds, &mut |_| Fate::Sent);
         drop(core);
         let pause = stage.between(0.0, 0.3);
         std::thread::sleep(Duration::from_secs_f64(pause));
@@ -359,7 +366,7 @@ fn restart(stage: &mut Stage<'_>, by_kill: bool) -> Judged {
         core.bring_up()?;
         instances.extend(core.feedback().map(|feedback| feedback.instance));
         let seconds = stage.between(0.05, 0.5);
-        core.move_by(WAY * seconds, seconds, &mut |_| Fate::Sent);
+        core.move_by(DISTANCE_MM * seconds, seconds, &mut |_| Fate::Sent);
         if by_kill {
             stage.bridge.kill();
         } else {
@@ -398,13 +405,13 @@ pub(crate) fn core_kill(stage: &mut Stage<'_>) -> Judged {
             .feedback()
             .copied()
             .ok_or_else(|| CaseError::new("no feedback"))?;
-        demand(stands(&here), || {
+        demand(is_at_rest(&here), || {
             format!("still moves after its core was killed; {}", core.describe())
         })?;
         // A core process starts at the positions of the axes and moves by at most 8 mm.
-        let way = (here.position[0] - before).abs();
-        demand(way <= 8.0 + ALONE, || {
-            format!("is {way:.3} from where its core began")
+        let distance = (here.position[0] - before).abs();
+        demand(distance <= 8.0 + ALONE, || {
+            format!("is {distance:.3} from where its core began")
         })?;
         before = here.position[0];
     }

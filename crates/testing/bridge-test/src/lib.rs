@@ -53,4 +53,4 @@ mod timing;
 pub use bridge::{BridgeUnderTest, ProcessBridge, SIMULATED_PROBE, StartError, ThreadBridge};
 pub use case::{CASES, Case, CaseError, Outcome, Part, Stage, run_case};
 pub use core_process::{CoreProcess, run_core};
-pub use test_core::{Seen, TestCore};
+pub use test_core::{FeedbackSample, TestCore};

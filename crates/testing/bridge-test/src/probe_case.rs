@@ -6,13 +6,13 @@ use evolvent_bus::MachineInputs;
 
 use crate::case::{CaseError, Stage};
 use crate::cases::{Judged, demand, up};
-use crate::test_core::{LATEST_S, LEAD, PERIOD_NS, Seen, TestCore};
+use crate::test_core::{FeedbackSample, LATEST_S, LEAD, PERIOD_NS, TestCore};
 
 /// Values of the probe's state.
 const OPEN: u32 = 1;
 const TRIPPED: u32 = 2;
 /// Distance within which contact must occur, mm.
-pub(crate) const WAY: f64 = 5.0;
+pub(crate) const REACH_MM: f64 = 5.0;
 /// Speeds of the two approaches, mm/s. A time that is late by 20 ms shows as a difference of 0.05 mm.
 const SPEEDS: [f64; 2] = [0.5, 3.0];
 /// Maximum difference between the two contacts, mm: one of them is late by the interval between two readings
@@ -31,7 +31,7 @@ struct Approach {
     /// mm/s.
     speed: f64,
     inputs: Vec<MachineInputs>,
-    feedback: Vec<Seen>,
+    feedback: Vec<FeedbackSample>,
 }
 
 fn newest(inputs: &[(u64, MachineInputs)]) -> Option<&MachineInputs> {
@@ -51,11 +51,12 @@ fn open(stage: &mut Stage<'_>) -> Result<TestCore, CaseError> {
             return Ok(core);
         }
         demand(monotonic_ns() - begin_ns < (LATEST_S * 1e9) as u64, || {
-            let said = state.map_or("no inputs arrive".to_owned(), |state| {
+            let description = state.map_or("no inputs arrive".to_owned(), |state| {
                 format!("its state is {state}")
             });
             format!(
-                "the probe is not open at the start ({said}); a bridge without one is tested without --probe"
+                "the probe is not open at the start ({description}); a bridge without one is tested \
+                 without --probe"
             )
         })?;
     }
@@ -70,7 +71,7 @@ fn approach(core: &mut TestCore, speed: f64) -> Approach {
     let trips = |inputs: &[MachineInputs]| inputs.last().is_some_and(|message| message.probe == TRIPPED);
     core.creep(speed, &mut |core| {
         inputs.extend(core.take_inputs().into_iter().map(|(_, message)| message));
-        core.commanded()[0] - from < WAY && !trips(&inputs)
+        core.commanded()[0] - from < REACH_MM && !trips(&inputs)
     });
     // Sent setpoints are due a lead later.
     core.rest((LEAD * PERIOD_NS) as f64 * 1e-9 + 0.3);
@@ -117,51 +118,51 @@ fn judge_messages(inputs: &[MachineInputs]) -> Judged {
 }
 
 /// Position of the first axis at a time, by the feedback.
-fn position_at(time_ns: u64, feedback: &[Seen]) -> Option<f64> {
+fn position_at(time_ns: u64, feedback: &[FeedbackSample]) -> Option<f64> {
     let after = feedback
         .iter()
-        .position(|seen| seen.feedback.time_ns >= time_ns)?;
+        .position(|sample| sample.feedback.time_ns >= time_ns)?;
     let (next, before) = (
         &feedback[after].feedback,
         &feedback[after.checked_sub(1)?].feedback,
     );
-    let share = (time_ns - before.time_ns) as f64 / (next.time_ns - before.time_ns).max(1) as f64;
-    Some(before.position[0] + share * (next.position[0] - before.position[0]))
+    let fraction = (time_ns - before.time_ns) as f64 / (next.time_ns - before.time_ns).max(1) as f64;
+    Some(before.position[0] + fraction * (next.position[0] - before.position[0]))
 }
 
 /// Position of the first contact.
 fn contact(approach: &Approach) -> Result<f64, CaseError> {
     judge_messages(&approach.inputs)?;
-    let Some(told) = approach.inputs.iter().find(|message| message.probe == TRIPPED) else {
+    let Some(tripped) = approach.inputs.iter().find(|message| message.probe == TRIPPED) else {
         return Err(CaseError::new(format!(
-            "the probe touches nothing within {WAY} mm of the first axis"
+            "the probe touches nothing within {REACH_MM} mm of the first axis"
         )));
     };
-    let place = position_at(told.probe_time_ns, &approach.feedback).ok_or_else(|| {
+    let position = position_at(tripped.probe_time_ns, &approach.feedback).ok_or_else(|| {
         CaseError::new("probe_time_ns of a contact is not within the motion that led to it")
     })?;
     // A motion that was interrupted hides a late time stamp.
     let [from_ns, to_ns] = [
-        told.probe_time_ns.saturating_sub(EVEN_NS),
-        told.probe_time_ns + EVEN_NS / 2,
+        tripped.probe_time_ns.saturating_sub(EVEN_NS),
+        tripped.probe_time_ns + EVEN_NS / 2,
     ];
     let ends = [from_ns, to_ns].map(|time_ns| position_at(time_ns, &approach.feedback));
     if let [Some(from), Some(to)] = ends {
-        let way = approach.speed * (to_ns - from_ns) as f64 * 1e-9;
-        if (to - from - way).abs() > 0.1 * way + SAME {
+        let distance = approach.speed * (to_ns - from_ns) as f64 * 1e-9;
+        if (to - from - distance).abs() > 0.1 * distance + SAME {
             return Err(CaseError::unmeasured(format!(
-                "{:.3} mm instead of {way:.3} mm around the contact",
+                "{:.3} mm instead of {distance:.3} mm around the contact",
                 to - from
             )));
         }
     }
-    if told.probe_latched_mask & 1 != 0 {
-        let off = (told.probe_position[0] - place).abs();
+    if tripped.probe_latched_mask & 1 != 0 {
+        let off = (tripped.probe_position[0] - position).abs();
         demand(off <= LATCHED, || {
             format!("the latched position is {off:.3} mm from where the axis was at probe_time_ns")
         })?;
     }
-    Ok(place)
+    Ok(position)
 }
 
 /// Returns to the start of the approach, and waits until the probe is open.
@@ -182,17 +183,17 @@ fn go_back(core: &mut TestCore, start: f64) -> Judged {
 pub(crate) fn probe(stage: &mut Stage<'_>) -> Judged {
     let mut core = open(stage)?;
     let start = core.commanded()[0];
-    let mut places = Vec::new();
+    let mut contacts = Vec::new();
     for speed in SPEEDS {
         let approach = approach(&mut core, speed);
-        places.push(contact(&approach)?);
+        contacts.push(contact(&approach)?);
         go_back(&mut core, start)?;
     }
-    let apart = (places[0] - places[1]).abs();
+    let apart = (contacts[0] - contacts[1]).abs();
     demand(apart <= SAME, || {
         format!(
             "contacts at {:.3} mm at {} mm/s and at {:.3} mm at {} mm/s: probe_time_ns is late",
-            places[0], SPEEDS[0], places[1], SPEEDS[1]
+            contacts[0], SPEEDS[0], contacts[1], SPEEDS[1]
         )
     })
 }

@@ -5,7 +5,7 @@ use evolvent_drive::BridgeState;
 
 use crate::begin_cases::ELSEWHERE;
 use crate::case::{CaseError, Stage};
-use crate::cases::{ALONE, CLOSE, Judged, WAY, demand, extent, follows, stands, up};
+use crate::cases::{ALONE, CLOSE, DISTANCE_MM, Judged, demand, extent, follows, is_at_rest, up};
 use crate::test_core::{Fate, LEAD, PERIOD_NS};
 
 /// A jump that persists, mm.
@@ -18,14 +18,14 @@ const TOO_LATE_NS: [u64; 2] = [30 * PERIOD_NS, 500_000_000];
 
 /// Whether a bridge has stopped by itself: at rest and not following.
 fn has_stopped(feedback: &Feedback) -> bool {
-    stands(feedback) && BridgeState::from_number(feedback.bridge_state) != Some(BridgeState::Following)
+    is_at_rest(feedback) && BridgeState::from_number(feedback.bridge_state) != Some(BridgeState::Following)
 }
 
 pub(crate) fn gaps(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     let before = core.feedback().map_or(0, |feedback| feedback.missed_setpoints);
     let mut lost = 0;
-    core.swing(WAY, 1.0, &mut |setpoint| {
+    core.swing(DISTANCE_MM, 1.0, &mut |setpoint| {
         if setpoint.sequence % 40 == 7 {
             lost += 1;
             return Fate::Lost;
@@ -34,9 +34,9 @@ pub(crate) fn gaps(stage: &mut Stage<'_>) -> Judged {
     });
     core.rest(0.3);
     let log = core.take_log();
-    let stopped = log.iter().find(|seen| {
+    let stopped = log.iter().find(|sample| {
         !matches!(
-            BridgeState::from_number(seen.feedback.bridge_state),
+            BridgeState::from_number(sample.feedback.bridge_state),
             Some(BridgeState::Following | BridgeState::Bridging)
         )
     });
@@ -54,20 +54,22 @@ pub(crate) fn silence(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     // In the middle of a move, at its highest speed.
     let (from, mut sent, half) = (core.commanded()[0], 0, 0.5e9 as u64 / PERIOD_NS / 2);
-    core.move_by(WAY, 0.5, &mut |_| {
+    core.move_by(DISTANCE_MM, 0.5, &mut |_| {
         sent += 1;
         if sent < half { Fate::Sent } else { Fate::Lost }
     });
     core.rest_with(1.0, &mut |_| Fate::Lost);
-    let seen = core
+    let newest = core
         .feedback()
         .copied()
         .ok_or_else(|| CaseError::new("no feedback any more without setpoints"))?;
-    demand(has_stopped(&seen), || {
+    demand(has_stopped(&newest), || {
         format!("is not at rest 1 s after the last setpoint; {}", core.describe())
     })?;
-    let way = (seen.position[0] - from).abs();
-    demand(way <= WAY / 2.0 + ALONE, || format!("moved {way:.3} by itself"))?;
+    let distance = (newest.position[0] - from).abs();
+    demand(distance <= DISTANCE_MM / 2.0 + ALONE, || {
+        format!("moved {distance:.3} by itself")
+    })?;
     // The core continues from another position as if nothing had happened.
     let _before = core.take_log();
     core.rest_with(0.5, &mut |setpoint| {
@@ -91,7 +93,7 @@ pub(crate) fn late(stage: &mut Stage<'_>) -> Judged {
         // Earlier setpoints are due by now, and the axes are at rest.
         core.rest((LEAD * PERIOD_NS) as f64 * 1e-9);
         let _before = core.take_log();
-        for by in [WAY, -WAY] {
+        for by in [DISTANCE_MM, -DISTANCE_MM] {
             core.move_by(by, 0.4, &mut |setpoint| {
                 setpoint.due_time_ns -= LEAD * PERIOD_NS + late_ns;
                 Fate::Sent
@@ -109,7 +111,7 @@ pub(crate) fn late(stage: &mut Stage<'_>) -> Judged {
     // Setpoints at another position that were due two seconds ago.
     core.rest_with(0.6, &mut |setpoint| {
         setpoint.due_time_ns -= 2_000_000_000;
-        setpoint.position[0] += WAY;
+        setpoint.position[0] += DISTANCE_MM;
         Fate::Sent
     });
     let moved = extent(&core.take_log());
@@ -130,7 +132,7 @@ pub(crate) fn due_times(stage: &mut Stage<'_>) -> Judged {
     for due_of in IMPOSSIBLE_NS {
         // A single impossible one among good ones counts as missing.
         let mut count = 0;
-        core.move_by(WAY, 0.5, &mut |setpoint| {
+        core.move_by(DISTANCE_MM, 0.5, &mut |setpoint| {
             count += 1;
             if count == 100 {
                 setpoint.due_time_ns = due_of(setpoint.due_time_ns);
@@ -147,7 +149,7 @@ pub(crate) fn due_times(stage: &mut Stage<'_>) -> Judged {
         })?;
         // All setpoints are impossible.
         let _before = core.take_log();
-        for by in [-WAY, WAY] {
+        for by in [-DISTANCE_MM, DISTANCE_MM] {
             core.move_by(by, 0.5, &mut |setpoint| {
                 setpoint.due_time_ns = due_of(setpoint.due_time_ns);
                 Fate::Sent
@@ -167,7 +169,7 @@ pub(crate) fn due_times(stage: &mut Stage<'_>) -> Judged {
     core.rest((LEAD * PERIOD_NS) as f64 * 1e-9);
     let _before = core.take_log();
     let mut count = 0;
-    core.move_by(WAY, 0.15, &mut |setpoint| {
+    core.move_by(DISTANCE_MM, 0.15, &mut |setpoint| {
         setpoint.due_time_ns -= 2 * count * PERIOD_NS;
         count += 1;
         Fate::Sent
@@ -226,7 +228,7 @@ pub(crate) fn jump(stage: &mut Stage<'_>) -> Judged {
     // The same in motion, from the middle of a move on.
     let _before = core.take_log();
     let (mut sent, half) = (0, 0.6e9 as u64 / PERIOD_NS / 2);
-    core.move_by(WAY, 0.6, &mut |setpoint| {
+    core.move_by(DISTANCE_MM, 0.6, &mut |setpoint| {
         sent += 1;
         setpoint.position[0] += if sent > half { JUMP } else { 0.0 };
         Fate::Sent
@@ -237,10 +239,10 @@ pub(crate) fn jump(stage: &mut Stage<'_>) -> Judged {
         Fate::Sent
     });
     let moved = extent(&core.take_log());
-    demand(moved <= WAY / 2.0 + ROLLING, || {
+    demand(moved <= DISTANCE_MM / 2.0 + ROLLING, || {
         format!(
             "moved {moved:.3} in a move with a jump by {JUMP} mm after {} mm",
-            WAY / 2.0
+            DISTANCE_MM / 2.0
         )
     })?;
     core.bring_up()?;
@@ -261,7 +263,7 @@ pub(crate) fn not_finite(stage: &mut Stage<'_>) -> Judged {
         Fate::Sent
     });
     let log = core.take_log();
-    demand(log.iter().all(|seen| seen.feedback.is_finite()), || {
+    demand(log.iter().all(|sample| sample.feedback.is_finite()), || {
         "replies with a number that is not finite".to_owned()
     })?;
     let moved = extent(&log);

@@ -6,7 +6,7 @@ use evolvent_bus::MachineInputs;
 
 use crate::case::{CaseError, Stage};
 use crate::cases::{Judged, demand};
-use crate::test_core::{LATEST_S, PERIOD_NS, Seen, TestCore};
+use crate::test_core::{FeedbackSample, LATEST_S, PERIOD_NS, TestCore};
 
 /// Maximum time that a bridge takes to read an input on a busy host, ns.
 const READING_NS: u64 = 300_000_000;
@@ -14,7 +14,7 @@ const READING_NS: u64 = 300_000_000;
 const SAFE_NS: u64 = 200_000_000;
 /// Additional delay until input 0 shows it, ns: a period of the bridge, and 20 ms for the wiring (a relay,
 /// the filter of the input).
-const SAFE_SEEN_NS: u64 = PERIOD_NS + 20_000_000;
+const SAFE_VISIBLE_NS: u64 = PERIOD_NS + 20_000_000;
 
 /// Opens a core to which a bridge with signals has replied.
 fn signalling(stage: &mut Stage<'_>) -> Result<TestCore, CaseError> {
@@ -129,42 +129,42 @@ fn longest_gap_ns(times_ns: impl Iterator<Item = u64>) -> u64 {
 /// Whether output 0 became safe in time after the last message of the core had left, by the bridge's inputs
 /// during the silence. A bridge that the host kept from running for long enough, as its messages show, is not
 /// judged.
-fn judge_safe(left_ns: u64, inputs: &[(u64, MachineInputs)], feedback: &[Seen]) -> Judged {
+fn judge_safe(left_ns: u64, inputs: &[(u64, MachineInputs)], feedback: &[FeedbackSample]) -> Judged {
     demand(inputs.len() >= 3, || {
         "no inputs arrive while the core is silent".to_owned()
     })?;
     let is_on = |(_, message): &(u64, MachineInputs)| message.digital & 1 == 1;
     let safe_at = inputs.iter().rposition(is_on).map_or(0, |last_on| last_on + 1);
-    // If it is never safe: the last time that it was seen on.
-    let seen_at = safe_at.min(inputs.len() - 1);
-    let after_ns = inputs[seen_at].1.time_ns.saturating_sub(left_ns);
+    // If it is never safe: the last time that it was on.
+    let judged_at = safe_at.min(inputs.len() - 1);
+    let after_ns = inputs[judged_at].1.time_ns.saturating_sub(left_ns);
     let late_ns = after_ns.saturating_sub(SAFE_NS);
-    if late_ns <= SAFE_SEEN_NS {
-        return demand(safe_at == seen_at, || {
-            let heard_ms = after_ns as f64 * 1e-6;
+    if late_ns <= SAFE_VISIBLE_NS {
+        return demand(safe_at == judged_at, || {
+            let received_ms = after_ns as f64 * 1e-6;
             format!(
-                "the last input arrives {heard_ms:.0} ms after the last message of the core, and output 0 is \
-                 on"
+                "the last input arrives {received_ms:.0} ms after the last message of the core, and output 0 \
+                 is on"
             )
         });
     }
     let what = format!(
         "output 0 {} {:.0} ms after the last message of the core, as input 0 says: the safe value is off, \
          200 ms are permitted, and {:.0} ms until the input shows it",
-        if safe_at == seen_at {
+        if safe_at == judged_at {
             "becomes safe"
         } else {
             "is still on"
         },
         after_ns as f64 * 1e-6,
-        SAFE_SEEN_NS as f64 * 1e-6
+        SAFE_VISIBLE_NS as f64 * 1e-6
     );
     let gaps_ns = [
-        longest_gap_ns(feedback.iter().map(|seen| seen.now_ns)),
-        longest_gap_ns(inputs[..=seen_at].iter().map(|(_, message)| message.time_ns)),
+        longest_gap_ns(feedback.iter().map(|sample| sample.now_ns)),
+        longest_gap_ns(inputs[..=judged_at].iter().map(|(_, message)| message.time_ns)),
     ];
     let gap_ns = gaps_ns[0].max(gaps_ns[1]);
-    Err(if late_ns <= SAFE_SEEN_NS + gap_ns {
+    Err(if late_ns <= SAFE_VISIBLE_NS + gap_ns {
         let silent_ms = gap_ns as f64 * 1e-6;
         CaseError::unmeasured(format!("{what}; the bridge was silent for {silent_ms:.1} ms"))
     } else {
@@ -216,7 +216,7 @@ mod tests {
                 ..MachineInputs::default()
             };
             inputs.push((time_ns, message));
-            feedback.push(Seen {
+            feedback.push(FeedbackSample {
                 now_ns: time_ns,
                 feedback: Feedback::default(),
             });

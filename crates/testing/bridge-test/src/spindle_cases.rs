@@ -72,8 +72,8 @@ fn judge_at_speed(log: &[(u64, SpindleFeedback)], since: u64, rpm: f64) -> Judge
     let near = |speed: f64| (speed - rpm).abs() <= (NEAR * rpm.abs()).max(STANDING_RPM);
     let mut past = 0;
     for (i, (_, message)) in log.iter().enumerate() {
-        let is_said = message.outputs_sequence >= since && message.flags & spindle_flags::AT_SPEED != 0;
-        if !is_said {
+        let is_reported = message.outputs_sequence >= since && message.flags & spindle_flags::AT_SPEED != 0;
+        if !is_reported {
             continue;
         }
         demand(near(message.speed_rpm), || {
@@ -145,9 +145,9 @@ fn judge_steady(log: &[(u64, SpindleFeedback)], rpm: f64) -> Judged {
     demand((mean - rpm).abs() <= NEAR * rpm.abs(), || {
         format!("the angle turns at {mean:.1} rpm instead of {rpm} rpm")
     })?;
-    let said = log.iter().map(|(_, message)| message.speed_rpm).sum::<f64>() / log.len() as f64;
-    demand((said - mean).abs() <= 0.05 * rpm.abs(), || {
-        format!("speed_rpm is {said:.1}, and the angle turns at {mean:.1} rpm")
+    let reported = log.iter().map(|(_, message)| message.speed_rpm).sum::<f64>() / log.len() as f64;
+    demand((reported - mean).abs() <= 0.05 * rpm.abs(), || {
+        format!("speed_rpm is {reported:.1}, and the angle turns at {mean:.1} rpm")
     })?;
     let off = |message: &SpindleFeedback| {
         let seconds = message.time_ns.saturating_sub(first.time_ns) as f64 * 1e-9;
@@ -202,17 +202,17 @@ pub(crate) fn spindle_safe(stage: &mut Stage<'_>) -> Judged {
         core.be_silent(0.7);
         log.extend(core.take_spindle());
         let last = log.last().map(|(_, message): &(u64, SpindleFeedback)| *message);
-        let is_heard = |last: &SpindleFeedback| monotonic_ns().saturating_sub(last.time_ns) < 500_000_000;
-        let Some(last) = last.filter(is_heard) else {
+        let is_recent = |last: &SpindleFeedback| monotonic_ns().saturating_sub(last.time_ns) < 500_000_000;
+        let Some(last) = last.filter(is_recent) else {
             return Err(CaseError::new("no angle arrives while the core is silent"));
         };
         let before = log
             .iter()
             .rfind(|(_, message)| message.time_ns.saturating_add(200_000_000) < last.time_ns);
-        let stands = |(_, before): &(u64, SpindleFeedback)| {
+        let is_stopped = |(_, before): &(u64, SpindleFeedback)| {
             last.speed_rpm.abs() <= STANDING_RPM && speed_between(before, &last).abs() <= STANDING_RPM
         };
-        if before.is_some_and(stands) {
+        if before.is_some_and(is_stopped) {
             break;
         }
         demand(monotonic_ns() - begin_ns < (RAMP_S * 1e9) as u64, || {

@@ -33,9 +33,9 @@ const PATIENCE_S: f64 = 5.0;
 /// the bridge from running. Neither is a fault of the bridge.
 pub(crate) static DISTURBED: AtomicU32 = AtomicU32::new(0);
 
-/// Feedback seen by one cycle.
+/// Feedback that one cycle has received.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
+pub struct FeedbackSample {
     /// Time of the cycle, ns of CLOCK_MONOTONIC.
     pub now_ns: u64,
     /// The newest feedback.
@@ -64,9 +64,9 @@ pub struct TestCore {
     datum: u64,
     feedback: Option<Feedback>,
     /// Time of arrival of the newest feedback.
-    heard_ns: u64,
+    received_ns: u64,
     /// All feedback, in order.
-    log: Vec<Seen>,
+    log: Vec<FeedbackSample>,
     /// Outputs in force, repeated every [`OUTPUTS_EVERY`] cycles.
     outputs: Option<MachineOutputs>,
     /// Time at which outputs were last sent.
@@ -98,7 +98,7 @@ impl TestCore {
             fault_reset: 0,
             datum: 0,
             feedback: None,
-            heard_ns: 0,
+            received_ns: 0,
             log: Vec::new(),
             outputs: None,
             outputs_left_ns: 0,
@@ -176,8 +176,8 @@ impl TestCore {
         while monotonic_ns() < end_ns && !self.is_stopped() {
             std::thread::sleep(Duration::from_nanos(PERIOD_NS));
             let now_ns = monotonic_ns();
-            self.hear_inputs(now_ns);
-            self.hear_feedback(now_ns);
+            self.receive_inputs(now_ns);
+            self.receive_feedback(now_ns);
         }
         self.next_ns = monotonic_ns();
     }
@@ -187,7 +187,7 @@ impl TestCore {
         self.outputs_left_ns
     }
 
-    fn hear_inputs(&mut self, now_ns: u64) {
+    fn receive_inputs(&mut self, now_ns: u64) {
         while let Ok(Some(message)) = self.bus.unchecked_inputs() {
             self.inputs.push((now_ns, message));
         }
@@ -210,7 +210,7 @@ impl TestCore {
     }
 
     /// Returns all feedback since the last call.
-    pub fn take_log(&mut self) -> Vec<Seen> {
+    pub fn take_log(&mut self) -> Vec<FeedbackSample> {
         std::mem::take(&mut self.log)
     }
 
@@ -228,7 +228,7 @@ impl TestCore {
         self.position
     }
 
-    pub(crate) fn stand_at(&mut self, position: [f64; AXES]) {
+    pub(crate) fn set_position(&mut self, position: [f64; AXES]) {
         self.position = position;
     }
 
@@ -272,7 +272,7 @@ impl TestCore {
         std::thread::sleep(Duration::from_nanos(self.next_ns.saturating_sub(now_ns)));
         let now_ns = monotonic_ns();
         self.bus.admit_readers();
-        self.hear_inputs(now_ns);
+        self.receive_inputs(now_ns);
         if let Some(outputs) = &mut self.outputs
             && self.sequence.is_multiple_of(OUTPUTS_EVERY)
         {
@@ -280,27 +280,27 @@ impl TestCore {
             let _reached = self.bus.publish_outputs(outputs);
             self.outputs_left_ns = monotonic_ns();
         }
-        self.hear_feedback(now_ns);
+        self.receive_feedback(now_ns);
     }
 
-    fn hear_feedback(&mut self, now_ns: u64) {
+    fn receive_feedback(&mut self, now_ns: u64) {
         while let Ok(Some(feedback)) = self.bus.unchecked_feedback() {
-            let silent_ns = now_ns.saturating_sub(self.heard_ns);
+            let silent_ns = now_ns.saturating_sub(self.received_ns);
             if self
                 .feedback
                 .is_some_and(|last| was_paused(&last, silent_ns, &feedback))
             {
                 DISTURBED.fetch_add(1, Ordering::Relaxed);
             }
-            self.heard_ns = now_ns;
+            self.received_ns = now_ns;
             self.feedback = Some(feedback);
-            self.log.push(Seen { now_ns, feedback });
+            self.log.push(FeedbackSample { now_ns, feedback });
         }
     }
 
     /// Whether the bridge has sent feedback and is silent now.
-    fn is_unheard(&self) -> bool {
-        self.feedback.is_some() && monotonic_ns().saturating_sub(self.heard_ns) > SILENT_NS
+    fn is_silent(&self) -> bool {
+        self.feedback.is_some() && monotonic_ns().saturating_sub(self.received_ns) > SILENT_NS
     }
 
     /// Runs cycles at rest, and more if the bridge is silent, so that it is judged by new feedback and not by
@@ -315,7 +315,7 @@ impl TestCore {
             self.cycle(tamper);
         }
         for _ in 0..cycles(PATIENCE_S) {
-            if !self.is_unheard() {
+            if !self.is_silent() {
                 break;
             }
             self.cycle(tamper);
@@ -330,7 +330,7 @@ impl TestCore {
         &mut self,
         what: &'static str,
         seconds: f64,
-        mut seen: impl FnMut(&Feedback) -> bool,
+        mut condition: impl FnMut(&Feedback) -> bool,
     ) -> Result<Feedback, CaseError> {
         (self.velocity, self.acceleration) = (0.0, 0.0);
         let begin_ns = monotonic_ns();
@@ -342,7 +342,7 @@ impl TestCore {
             let fresh = self
                 .feedback
                 .filter(|feedback| feedback.time_ns.saturating_add(200_000_000) > monotonic_ns());
-            if let Some(feedback) = fresh.filter(|feedback| seen(feedback)) {
+            if let Some(feedback) = fresh.filter(|feedback| condition(feedback)) {
                 return Ok(feedback);
             }
             if monotonic_ns() - begin_ns > (seconds * 1e9) as u64 {
@@ -404,10 +404,10 @@ impl TestCore {
         let whole_s = count as f64 * PERIOD_NS as f64 * 1e-9;
         for i in 1..=count {
             let u = i as f64 / count as f64;
-            let way = u * u * u * (10.0 + u * (6.0 * u - 15.0));
+            let fraction = u * u * u * (10.0 + u * (6.0 * u - 15.0));
             let speed = 30.0 * u * u * (1.0 + u * (u - 2.0));
             let bend = 60.0 * u * (1.0 + u * (2.0 * u - 3.0));
-            self.position[0] = from + by * way;
+            self.position[0] = from + by * fraction;
             self.velocity = by * speed / whole_s;
             self.acceleration = by * bend / (whole_s * whole_s);
             self.cycle(tamper);

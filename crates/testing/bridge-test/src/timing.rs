@@ -6,7 +6,7 @@
 
 use crate::case::{CaseError, Stage};
 use crate::cases::{Judged, demand, up};
-use crate::test_core::{Fate, LEAD, PERIOD_NS, Seen};
+use crate::test_core::{Fate, FeedbackSample, LEAD, PERIOD_NS};
 
 /// Distance of the move, mm, and its duration, s: at most 23 mm/s.
 const DISTANCE: f64 = 5.0;
@@ -70,7 +70,7 @@ fn fitted_lag(plan: &[Planned], samples: &[(u64, f64)]) -> (i64, f64) {
 }
 
 /// The longest silence of the bridge, minus one period, by its own times, ns.
-fn longest_gap_ns(log: &[Seen]) -> u64 {
+fn longest_gap_ns(log: &[FeedbackSample]) -> u64 {
     let gaps = log
         .windows(2)
         .map(|pair| pair[1].feedback.time_ns.saturating_sub(pair[0].feedback.time_ns));
@@ -79,7 +79,7 @@ fn longest_gap_ns(log: &[Seen]) -> u64 {
 
 /// A demand on times. A bridge that the host kept from running for at least as long as its error is not
 /// judged.
-fn demand_in_time(good: bool, off_ns: u64, log: &[Seen], what: impl FnOnce() -> String) -> Judged {
+fn demand_in_time(good: bool, off_ns: u64, log: &[FeedbackSample], what: impl FnOnce() -> String) -> Judged {
     if good {
         return Ok(());
     }
@@ -99,10 +99,10 @@ fn ms(ns: u64) -> f64 {
 }
 
 /// Judges the sequence numbers in the feedback: none before its setpoint is due, and none long after.
-fn judge_replies(plan: &[Planned], log: &[Seen]) -> Judged {
+fn judge_replies(plan: &[Planned], log: &[FeedbackSample]) -> Judged {
     let mut delays_ns = Vec::new();
-    for seen in log {
-        let (time_ns, sequence) = (seen.feedback.time_ns, seen.feedback.sequence);
+    for sample in log {
+        let (time_ns, sequence) = (sample.feedback.time_ns, sample.feedback.sequence);
         let Some(planned) = plan.iter().find(|planned| planned.sequence == sequence) else {
             continue;
         };
@@ -122,10 +122,10 @@ fn judge_replies(plan: &[Planned], log: &[Seen]) -> Judged {
     })
 }
 
-fn judge_motion(plan: &[Planned], log: &[Seen]) -> Judged {
+fn judge_motion(plan: &[Planned], log: &[FeedbackSample]) -> Judged {
     let samples = |declared: f64| {
-        let of = |seen: &Seen| {
-            let feedback = &seen.feedback;
+        let of = |sample: &FeedbackSample| {
+            let feedback = &sample.feedback;
             (
                 feedback.time_ns,
                 feedback.position[0] + declared * feedback.following_error[0],
@@ -218,7 +218,7 @@ mod tests {
     }
 
     /// Feedback of a bridge that lags by `lag_ns` and pauses for `pause_ns` in the middle of the move.
-    fn log(lag_ns: i64, pause_ns: u64) -> Vec<Seen> {
+    fn log(lag_ns: i64, pause_ns: u64) -> Vec<FeedbackSample> {
         let plan = plan();
         let report = |i: u64| {
             let time_ns = 900_000_000 + i * PERIOD_NS + if i > 200 { pause_ns } else { 0 };
@@ -227,7 +227,7 @@ mod tests {
                 ..Default::default()
             };
             feedback.position[0] = planned_at(&plan, time_ns as i64 - lag_ns);
-            Seen {
+            FeedbackSample {
                 now_ns: time_ns,
                 feedback,
             }

@@ -158,7 +158,7 @@ fn drives(flaw: Flaw) -> SimBridge {
 fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     let mut bridge = drives(flaw);
     let mut waiting: VecDeque<Setpoint> = VecDeque::new();
-    let (mut ports, mut heard_ns, mut count) = (None, 0, 0_u64);
+    let (mut ports, mut received_ns, mut count) = (None, 0, 0_u64);
     let (mut last_due_ns, mut newest, first_ns) = (0, 0, monotonic_ns());
     let (mut tick_ns, mut is_blind) = (first_ns, false);
     let mut core_ns = first_ns;
@@ -176,12 +176,12 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     while !stop.load(Ordering::Relaxed) {
         if ports.is_none() {
             ports = connect(name, prefix);
-            heard_ns = monotonic_ns();
+            received_ns = monotonic_ns();
             core_ns = tick_ns;
         }
         if let Some((setpoints, ..)) = &mut ports {
             while let Ok(Some(mut setpoint)) = setpoints.receive() {
-                heard_ns = monotonic_ns();
+                received_ns = monotonic_ns();
                 is_blind |= flaw == Flaw::OneCoreOnly && setpoint.sequence < newest;
                 if is_blind {
                     continue;
@@ -240,7 +240,7 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
             let in_force = wired.step(flaw, outputs, inputs, &mut probe);
             turning.step(flaw, &in_force, spindle);
         }
-        if monotonic_ns().saturating_sub(heard_ns) > GONE_NS {
+        if monotonic_ns().saturating_sub(received_ns) > GONE_NS {
             ports = None;
         }
         tick_ns += 2_000_000;
@@ -260,7 +260,7 @@ struct Wired {
     /// The newest message of outputs.
     newest: MachineOutputs,
     /// Time of its arrival.
-    heard_ns: u64,
+    received_ns: u64,
     sequence: u64,
     was_safe: bool,
     /// Time at which the probe last tripped; 0 for never.
@@ -278,7 +278,7 @@ impl Wired {
     ) -> MachineOutputs {
         let now_ns = monotonic_ns();
         while let Ok(Some(message)) = reader.receive() {
-            (self.newest, self.heard_ns) = (message, now_ns);
+            (self.newest, self.received_ns) = (message, now_ns);
             self.follower
                 .offer(now_ns, &message)
                 .expect("outputs of the suite");
@@ -290,7 +290,7 @@ impl Wired {
         match flaw {
             Flaw::OutputsOnArrival => digital = self.newest.digital,
             Flaw::NeverSafe if now_ns > self.newest.due_time_ns => digital = self.newest.digital,
-            Flaw::SafeLate if now_ns > self.newest.due_time_ns && now_ns < self.heard_ns + 600_000_000 => {
+            Flaw::SafeLate if now_ns > self.newest.due_time_ns && now_ns < self.received_ns + 600_000_000 => {
                 digital = self.newest.digital;
             }
             Flaw::SafeForEver if self.was_safe => digital = 0,
@@ -409,7 +409,7 @@ impl Turning {
 /// meanwhile.
 #[derive(Default)]
 struct SlowStart {
-    asked_ns: u64,
+    requested_ns: u64,
     newest: Setpoint,
 }
 
@@ -417,20 +417,20 @@ impl SlowStart {
     fn take(&mut self, setpoint: &mut Setpoint, now_ns: u64) {
         self.newest = *setpoint;
         if setpoint.power_request != PowerRequest::On.number() {
-            self.asked_ns = 0;
+            self.requested_ns = 0;
             return;
         }
-        if self.asked_ns == 0 {
-            self.asked_ns = now_ns;
+        if self.requested_ns == 0 {
+            self.requested_ns = now_ns;
         }
-        if now_ns < self.asked_ns + 800_000_000 {
+        if now_ns < self.requested_ns + 800_000_000 {
             setpoint.power_request = PowerRequest::Off.number();
         }
     }
 
     /// The substitute for a missing setpoint.
     fn again(&mut self, now_ns: u64) -> Option<Setpoint> {
-        if self.asked_ns == 0 || now_ns < self.newest.due_time_ns {
+        if self.requested_ns == 0 || now_ns < self.newest.due_time_ns {
             return None;
         }
         self.newest.sequence += 1;
@@ -591,8 +591,11 @@ const FLAWS: [(Flaw, &str); 53] = [
 /// A case whose situation did not occur is not passed.
 #[test]
 fn without_a_fault_nothing_is_said_of_its_reset() {
-    let said = verdict(Flaw::None, "new_core_reset");
-    assert_eq!(said, Ok(Outcome::LeftOut("no drive came into fault".to_owned())));
+    let result = verdict(Flaw::None, "new_core_reset");
+    assert_eq!(
+        result,
+        Ok(Outcome::LeftOut("no drive came into fault".to_owned()))
+    );
 }
 
 /// Verdicts on all of them. Each case waits most of the time, so several run at once, each on its own bus.

@@ -69,7 +69,7 @@ impl TrialCore {
             assert!(
                 begin.elapsed() < LATEST,
                 "homing takes too long; {:?}",
-                self.heard
+                self.newest
             );
             let Some(feedback) = self.fresh() else { continue };
             if states(&feedback) != [Some(DriveState::OperationEnabled); 3] {
@@ -143,8 +143,8 @@ impl TrialCore {
                     (self.position[0], self.velocity_x) = (to, 0.0);
                     return;
                 }
-                let most = speed.min((2.0 * acceleration * left.abs()).sqrt());
-                most.min(left.abs() / period_s) * left.signum()
+                let max_speed = speed.min((2.0 * acceleration * left.abs()).sqrt());
+                max_speed.min(left.abs() / period_s) * left.signum()
             }
         };
         let change = acceleration * period_s;

@@ -46,7 +46,7 @@ pub struct TrialCore {
     /// The request for an index pulse: its number and its axis.
     pub index: (u32, u32),
     /// The newest feedback with its time of arrival.
-    pub heard: Option<(Instant, Feedback)>,
+    pub newest: Option<(Instant, Feedback)>,
     /// The newest inputs of the machine.
     pub inputs: Option<MachineInputs>,
 }
@@ -73,7 +73,7 @@ impl TrialCore {
             fault_reset: 0,
             datum: 0,
             index: (0, 0),
-            heard: None,
+            newest: None,
             inputs: None,
         }
     }
@@ -121,7 +121,7 @@ impl TrialCore {
         std::thread::sleep(Duration::from_nanos(self.next_ns.saturating_sub(monotonic_ns())));
         self.bus.admit_readers();
         while let Ok(Some(feedback)) = self.bus.unchecked_feedback() {
-            self.heard = Some((Instant::now(), feedback));
+            self.newest = Some((Instant::now(), feedback));
         }
         while let Ok(Some(inputs)) = self.bus.unchecked_inputs() {
             self.inputs = Some(inputs);
@@ -154,12 +154,12 @@ impl TrialCore {
             self.rest(0.3);
             let moved = moved_mm() - from;
             // The motor lags the core by up to a lead, continues for ten periods, and then brakes.
-            let most = velocity * (LEAD + 12) as f64 * PERIOD_S + 0.5 * velocity.min(1.0);
+            let max_mm = velocity * (LEAD + 12) as f64 * PERIOD_S + 0.5 * velocity.min(1.0);
             assert!(
-                moved <= most + resolution_mm,
+                moved <= max_mm + resolution_mm,
                 "{moved} mm at {velocity} mm/s, {jump} mm"
             );
-            let (_, feedback) = self.heard.expect("feedback");
+            let (_, feedback) = self.newest.expect("feedback");
             assert_eq!((feedback.bridge_state, feedback.note), (4, 4), "{feedback:?}");
         }
     }
@@ -224,7 +224,7 @@ impl TrialCore {
     /// The newest feedback, if it is fresh.
     #[must_use]
     pub fn fresh(&self) -> Option<Feedback> {
-        self.heard
+        self.newest
             .filter(|(at, _)| at.elapsed() < FRESH)
             .map(|(_, feedback)| feedback)
     }
@@ -233,17 +233,17 @@ impl TrialCore {
     ///
     /// # Panics
     /// If it does not meet it in time.
-    pub fn until(&mut self, what: &str, mut seen: impl FnMut(&Feedback) -> bool) -> Feedback {
+    pub fn until(&mut self, what: &str, mut condition: impl FnMut(&Feedback) -> bool) -> Feedback {
         let begin = Instant::now();
         loop {
             self.cycle();
-            if let Some(feedback) = self.fresh().filter(|feedback| seen(feedback)) {
+            if let Some(feedback) = self.fresh().filter(|feedback| condition(feedback)) {
                 return feedback;
             }
             assert!(
                 begin.elapsed() < LATEST,
                 "{what}: not within {LATEST:?}; {:?}",
-                self.heard
+                self.newest
             );
         }
     }
@@ -255,12 +255,12 @@ impl TrialCore {
     pub fn until_inputs(
         &mut self,
         what: &str,
-        mut seen: impl FnMut(&MachineInputs) -> bool,
+        mut condition: impl FnMut(&MachineInputs) -> bool,
     ) -> MachineInputs {
         let begin = Instant::now();
         loop {
             self.cycle();
-            if let Some(inputs) = self.inputs.filter(|inputs| seen(inputs)) {
+            if let Some(inputs) = self.inputs.filter(|inputs| condition(inputs)) {
                 return inputs;
             }
             assert!(

@@ -13,11 +13,11 @@
 //! assert!(woke);
 //! ```
 //!
-//! [`tell_pause`] adds pauses that a process of the trial has recorded itself.
+//! [`report_pause`] adds pauses that a process of the trial has recorded itself.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
-    reason = "helpers of tests fail and talk as tests do"
+    reason = "helpers of tests fail and print as tests do"
 )]
 
 use std::any::Any;
@@ -36,12 +36,12 @@ const ATTEMPTS: u32 = 5;
 const QUIET_ATTEMPTS: u32 = 3;
 
 thread_local! {
-    static TOLD_NS: Cell<u64> = const { Cell::new(0) };
+    static REPORTED_NS: Cell<u64> = const { Cell::new(0) };
 }
 
 /// Adds a pause of another process of the test, as that process has recorded it, ns.
-pub fn tell_pause(pause_ns: u64) {
-    TOLD_NS.with(|told| told.set(told.get().max(pause_ns)));
+pub fn report_pause(pause_ns: u64) {
+    REPORTED_NS.with(|reported| reported.set(reported.get().max(pause_ns)));
 }
 
 /// Runs a trial, at most five times: it is repeated if it fails while the host kept this process, the core or
@@ -84,13 +84,13 @@ enum Played<T> {
 fn play<T>(longest: Duration, attempts: u32, trial: impl Fn() -> T) -> Played<T> {
     let mut attempt = 1;
     loop {
-        TOLD_NS.with(|told| told.set(0));
+        REPORTED_NS.with(|reported| reported.set(0));
         let (result, own) = watched(|| catch_unwind(AssertUnwindSafe(&trial)));
         let panic = match result {
             Ok(result) => return Played::Passed(result),
             Err(panic) => panic,
         };
-        let pause = own.max(Duration::from_nanos(TOLD_NS.with(Cell::get)));
+        let pause = own.max(Duration::from_nanos(REPORTED_NS.with(Cell::get)));
         if pause < longest {
             return Played::Failed(panic);
         }
@@ -109,10 +109,10 @@ fn play<T>(longest: Duration, attempts: u32, trial: impl Fn() -> T) -> Played<T>
 /// If the work panics.
 pub fn watched<T>(work: impl FnOnce() -> T) -> (T, Duration) {
     let over = Arc::new(AtomicBool::new(false));
-    let told = Arc::clone(&over);
+    let is_over = Arc::clone(&over);
     let watch = std::thread::spawn(move || {
         let mut longest = Duration::ZERO;
-        while !told.load(Ordering::Relaxed) {
+        while !is_over.load(Ordering::Relaxed) {
             let begin = Instant::now();
             std::thread::sleep(Duration::from_millis(2));
             longest = longest.max(begin.elapsed());
@@ -133,7 +133,7 @@ mod tests {
         let result = catch_unwind(AssertUnwindSafe(|| {
             unless_disturbed(|| {
                 count.set(count.get() + 1);
-                tell_pause(pause_ns);
+                report_pause(pause_ns);
                 assert!(!fails(count.get()));
             });
         }));
@@ -163,10 +163,10 @@ mod tests {
     #[test]
     fn what_needs_a_quiet_host_is_not_measured_on_another() {
         let pause = Duration::from_secs(10);
-        let trial = |told_ns| {
+        let trial = |pause_ns| {
             move || {
-                tell_pause(told_ns);
-                assert_eq!(told_ns, 1, "out of phase");
+                report_pause(pause_ns);
+                assert_eq!(pause_ns, 1, "out of phase");
             }
         };
         assert_eq!(where_undisturbed(pause, trial(1)), Some(()));

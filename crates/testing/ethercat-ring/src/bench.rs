@@ -29,7 +29,7 @@ pub fn on_bench<R: Send + 'static>(
 ) -> Option<R> {
     let thread = std::thread::spawn(move || {
         if let Err(why) = make_cable() {
-            let _said = std::io::Write::write_all(
+            let _written = std::io::Write::write_all(
                 &mut std::io::stdout(),
                 format!("not measured: {why}\n").as_bytes(),
             );

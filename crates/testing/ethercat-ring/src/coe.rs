@@ -73,7 +73,7 @@ enum Transfer {
 pub(crate) struct Server {
     transfer: Transfer,
     /// Maximum data of a mailbox after its header, bytes.
-    room: usize,
+    capacity: usize,
 }
 
 impl Server {
@@ -81,7 +81,7 @@ impl Server {
     pub(crate) fn new(mailbox_bytes: usize) -> Self {
         Self {
             transfer: Transfer::None,
-            room: mailbox_bytes.saturating_sub(6),
+            capacity: mailbox_bytes.saturating_sub(6),
         }
     }
 
@@ -239,7 +239,7 @@ impl Server {
             ));
         }
         let mut reply = response(0x41 | mark, index, sub_index, &(data.len() as u32).to_le_bytes());
-        let fits = self.room.saturating_sub(SDO_HEADER).min(data.len());
+        let fits = self.capacity.saturating_sub(SDO_HEADER).min(data.len());
         reply.extend_from_slice(&data[..fits]);
         if fits < data.len() {
             self.transfer = Transfer::Upload {
@@ -263,7 +263,7 @@ impl Server {
         if (command & 0x10 != 0) != *toggle {
             return Err(abort::TOGGLE);
         }
-        let count = (data.len() - *sent).min(self.room.saturating_sub(3));
+        let count = (data.len() - *sent).min(self.capacity.saturating_sub(3));
         let is_last = *sent + count == data.len();
         let unused = 7_usize.saturating_sub(count);
         let mut reply = response_header((command & 0x10) | (unused as u8) << 1 | u8::from(is_last));
@@ -282,9 +282,9 @@ impl Server {
             body.first().copied().unwrap_or(0) & 0x7F,
             body.get(4..).unwrap_or(&[]),
         );
-        let word = |place: usize| {
+        let word = |offset: usize| {
             request
-                .get(place..place + 2)
+                .get(offset..offset + 2)
                 .map_or(0, |bytes| u16::from_le_bytes([bytes[0], bytes[1]]))
         };
         match opcode {
@@ -327,7 +327,9 @@ impl Server {
             .chain(words)
             .flat_map(u16::to_le_bytes)
             .collect();
-        let chunks: Vec<&[u8]> = data.chunks((self.room.saturating_sub(6) & !1).max(2)).collect();
+        let chunks: Vec<&[u8]> = data
+            .chunks((self.capacity.saturating_sub(6) & !1).max(2))
+            .collect();
         let last = chunks.len() - 1;
         chunks
             .into_iter()
@@ -618,7 +620,7 @@ mod tests {
         messages.remove(0)
     }
 
-    fn ask(server: &mut Server, objects: &mut Dictionary, body: &[u8]) -> Vec<u8> {
+    fn reply_to(server: &mut Server, objects: &mut Dictionary, body: &[u8]) -> Vec<u8> {
         let message: Vec<u8> = [0x00, 0x20].into_iter().chain(body.iter().copied()).collect();
         one(server.handle(&message, objects, true))
     }
@@ -626,13 +628,13 @@ mod tests {
     #[test]
     fn long_texts_are_segmented_with_toggle_checks() {
         let (mut server, mut objects) = server();
-        let reply = ask(&mut server, &mut objects, &[0x40, 0x01, 0x20, 0, 0, 0, 0, 0]);
+        let reply = reply_to(&mut server, &mut objects, &[0x40, 0x01, 0x20, 0, 0, 0, 0, 0]);
         assert_eq!(reply[2], 0x41);
         assert_eq!(u32::from_le_bytes([reply[6], reply[7], reply[8], reply[9]]), 300);
         let mut text = reply[10..].to_vec();
         let mut toggle = 0;
         loop {
-            let reply = ask(&mut server, &mut objects, &[0x60 | toggle, 0, 0, 0, 0, 0, 0, 0]);
+            let reply = reply_to(&mut server, &mut objects, &[0x60 | toggle, 0, 0, 0, 0, 0, 0, 0]);
             assert_eq!(reply[2] & 0xF0, toggle);
             let unused = usize::from(reply[2] >> 1 & 7);
             text.extend_from_slice(&reply[3..reply.len() - unused]);
@@ -642,8 +644,8 @@ mod tests {
             }
         }
         assert_eq!(text, "long ".repeat(60).as_bytes());
-        let _first = ask(&mut server, &mut objects, &[0x40, 0x01, 0x20, 0, 0, 0, 0, 0]);
-        let reply = ask(&mut server, &mut objects, &[0x70, 0, 0, 0, 0, 0, 0, 0]);
+        let _first = reply_to(&mut server, &mut objects, &[0x40, 0x01, 0x20, 0, 0, 0, 0, 0]);
+        let reply = reply_to(&mut server, &mut objects, &[0x70, 0, 0, 0, 0, 0, 0, 0]);
         assert_eq!(
             (reply[2], &reply[6..10]),
             (0x80, abort::TOGGLE.to_le_bytes().as_slice())
@@ -653,12 +655,12 @@ mod tests {
         let mut begin = vec![0x21, 0x01, 0x20, 0];
         begin.extend_from_slice(&size);
         begin.extend_from_slice(&new[..40]);
-        assert_eq!(ask(&mut server, &mut objects, &begin)[2], 0x60);
+        assert_eq!(reply_to(&mut server, &mut objects, &begin)[2], 0x60);
         for (i, chunk) in new[40..].chunks(52).enumerate() {
             let last = u8::from(i == 4);
             let toggle = if i % 2 == 1 { 0x10 } else { 0 };
             let body: Vec<u8> = [toggle | last].into_iter().chain(chunk.iter().copied()).collect();
-            assert_eq!(ask(&mut server, &mut objects, &body)[2], 0x20 | toggle);
+            assert_eq!(reply_to(&mut server, &mut objects, &body)[2], 0x20 | toggle);
         }
         assert_eq!(
             objects.entry(0x2001, 0).map(|entry| entry.value.as_slice()),
@@ -669,7 +671,7 @@ mod tests {
     #[test]
     fn complete_access_reads_the_count_as_a_word() {
         let (mut server, mut objects) = server();
-        let reply = ask(&mut server, &mut objects, &[0x50, 0x02, 0x20, 0, 0, 0, 0, 0]);
+        let reply = reply_to(&mut server, &mut objects, &[0x50, 0x02, 0x20, 0, 0, 0, 0, 0]);
         assert_eq!(reply[2], 0x51);
         assert_eq!(&reply[10..], [3, 0, 1, 0, 1, 0, 1, 0]);
     }
@@ -685,7 +687,7 @@ mod tests {
             ([0xE0, 0x02, 0x20, 0, 1, 0, 0, 0], abort::COMMAND),
             ([0x60, 0x02, 0x20, 0, 1, 0, 0, 0], abort::COMMAND),
         ] {
-            let reply = ask(&mut server, &mut objects, &body);
+            let reply = reply_to(&mut server, &mut objects, &body);
             assert_eq!(
                 (reply[2], &reply[6..10]),
                 (0x80, code.to_le_bytes().as_slice()),

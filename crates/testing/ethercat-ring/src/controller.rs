@@ -290,7 +290,7 @@ impl Controller {
         let enabled = self.enabled_channels();
         self.registers.write(begin, data);
         let end = usize::from(begin) + data.len();
-        let touches = |place: u16| begin <= place && usize::from(place) < end;
+        let touches = |address: u16| begin <= address && usize::from(address) < end;
         self.events.al_control |= touches(address::AL_CONTROL);
         if begin < address::SII_DATA && end > usize::from(address::SII_CONTROL) {
             self.sii.after_write(&mut self.registers, begin, data.len());

@@ -137,12 +137,12 @@ fn list(
     slots: usize,
     writable: bool,
 ) {
-    let place = |value: i64| {
+    let entry_of = |value: i64| {
         let entry = Entry::integer("Entry", kind, value);
         if writable { entry.configuration() } else { entry }
     };
     let entries = (0..slots)
-        .map(|i| place(values.get(i).copied().unwrap_or(0)))
+        .map(|i| entry_of(values.get(i).copied().unwrap_or(0)))
         .collect();
     objects.compound(index, name, ObjectCode::Record, entries);
     objects.set_integer(index, 0, values.len() as i64);

@@ -221,8 +221,9 @@ impl Drive {
             torque_offset: objects.integer(0x60B2, 0) as i16,
         };
         self.probe.set_function(objects.integer(0x60B8, 0) as u16);
-        let told_s = objects.integer(0x60C2, 1) as f64 * 10_f64.powi(objects.integer(0x60C2, 2) as i32);
-        let cycle_s = cycle_ns.map_or(told_s, |cycle_ns| cycle_ns as f64 * 1e-9);
+        let interpolation_s =
+            objects.integer(0x60C2, 1) as f64 * 10_f64.powi(objects.integer(0x60C2, 2) as i32);
+        let cycle_s = cycle_ns.map_or(interpolation_s, |cycle_ns| cycle_ns as f64 * 1e-9);
         let steps = (cycle_s / STEP_S).round().clamp(1.0, 800.0);
         let away = self.turns(self.orders.target) - self.demand.position;
         self.stride = (away / steps, steps as u32);
@@ -312,24 +313,24 @@ impl Drive {
             DriveState::OperationEnabled if self.orders.mode == CSV => {
                 self.homing.stop();
                 let wanted = f64::from(self.orders.target_velocity) / resolution;
-                let most = self.settings.velocity_ramp_turns_s2 * STEP_S;
-                self.demand.velocity += (wanted - self.demand.velocity).clamp(-most, most);
+                let max_change = self.settings.velocity_ramp_turns_s2 * STEP_S;
+                self.demand.velocity += (wanted - self.demand.velocity).clamp(-max_change, max_change);
                 self.demand.position += self.demand.velocity * STEP_S;
             }
             DriveState::OperationEnabled if self.orders.mode == HOMING => {
                 let speed = self.home(objects, resolution);
-                let most = objects.integer(0x609A, 0) as f64 / resolution * STEP_S;
-                self.demand.velocity += (speed - self.demand.velocity).clamp(-most, most);
+                let max_change = objects.integer(0x609A, 0) as f64 / resolution * STEP_S;
+                self.demand.velocity += (speed - self.demand.velocity).clamp(-max_change, max_change);
                 self.demand.position += self.demand.velocity * STEP_S;
             }
             DriveState::OperationEnabled => self.demand.velocity = 0.0,
             DriveState::QuickStopActive | DriveState::FaultReactionActive => {
-                let most = objects.integer(0x6085, 0) as f64 / resolution * STEP_S;
+                let max_change = objects.integer(0x6085, 0) as f64 / resolution * STEP_S;
                 // The ramp begins at the actual speed of the axis.
-                if self.demand.velocity == 0.0 && self.speed_turns_s().abs() > most {
+                if self.demand.velocity == 0.0 && self.speed_turns_s().abs() > max_change {
                     self.demand.velocity = self.speed_turns_s();
                 }
-                self.demand.velocity -= self.demand.velocity.clamp(-most, most);
+                self.demand.velocity -= self.demand.velocity.clamp(-max_change, max_change);
                 self.demand.position += self.demand.velocity * STEP_S;
             }
             _ => {
@@ -513,7 +514,7 @@ mod tests {
         fn go(&mut self, turns_s: f64, milliseconds: u32, feed_forward: bool) -> f64 {
             let resolution = f64::from(self.drive.settings.resolution);
             let start = self.objects.integer(0x607A, 0) as f64;
-            let mut most = 0.0_f64;
+            let mut max_error = 0.0_f64;
             for millisecond in 1..=milliseconds {
                 let target = start + turns_s * resolution * f64::from(millisecond) * 1e-3;
                 self.objects.set_integer(0x607A, 0, target as i64);
@@ -521,11 +522,11 @@ mod tests {
                 self.objects.set_integer(0x60B1, 0, speed as i64);
                 self.run(1);
                 if millisecond > 100 {
-                    most = most.max(self.objects.integer(0x60F4, 0).abs() as f64 / resolution);
+                    max_error = max_error.max(self.objects.integer(0x60F4, 0).abs() as f64 / resolution);
                 }
             }
             self.objects.set_integer(0x60B1, 0, 0);
-            most
+            max_error
         }
     }
 

@@ -29,7 +29,7 @@ struct Arguments {
     /// 0.
     #[arg(long = "wire", value_name = "FROM:TO", value_parser = parse_wire)]
     wires: Vec<(usize, usize)>,
-    /// A fault so many seconds after all devices were in OP: loss, delay, reorder, wkc, break, gone, drive,
+    /// A fault N seconds after all devices were in OP: loss, delay, reorder, wkc, break, gone, drive,
     /// temperature, sto, blocked, limit, index-missing, clock-free, sdo-abort, sdo-wrong, slow-mailbox,
     /// emergency, refuse-safe-op or refuse-op. May be given several times; devices count from 0.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:DEVICE]")]
@@ -129,7 +129,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // If standard error is closed, the message cannot be shown.
-            let _told = writeln!(std::io::stderr(), "error: {error}");
+            let _written = writeln!(std::io::stderr(), "error: {error}");
             ExitCode::from(2)
         }
     }

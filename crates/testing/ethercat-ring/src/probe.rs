@@ -99,8 +99,8 @@ fn impulse_edges(last: f64, turns: f64, sources: &ProbeSources) -> [Option<Edge>
     };
     let passed = |side: f64| {
         let (from, to) = ((last - side).floor(), (turns - side).floor());
-        let place = if turns > last { from + 1.0 } else { from } + side;
-        (from != to).then_some(place)
+        let edge = if turns > last { from + 1.0 } else { from } + side;
+        (from != to).then_some(edge)
     };
     [
         passed(enter).map(|at| (true, at)),

@@ -113,12 +113,12 @@ impl Registers {
 
     /// Writes from the MainDevice's side: read-only registers keep their values.
     pub(crate) fn write(&mut self, address: u16, data: &[u8]) {
-        for (place, &byte) in (usize::from(address)..).zip(data) {
+        for (offset, &byte) in (usize::from(address)..).zip(data) {
             let fixed = READ_ONLY
                 .iter()
-                .any(|&(begin, end)| (usize::from(begin)..usize::from(end)).contains(&place))
-                || is_sync_manager_status(place);
-            if let (false, Some(target)) = (fixed, self.bytes.get_mut(place)) {
+                .any(|&(begin, end)| (usize::from(begin)..usize::from(end)).contains(&offset))
+                || is_sync_manager_status(offset);
+            if let (false, Some(target)) = (fixed, self.bytes.get_mut(offset)) {
                 *target = byte;
             }
         }
@@ -148,6 +148,6 @@ impl Registers {
 }
 
 /// Bytes 5 (status) and 7 (the device's own control) of a SyncManager.
-fn is_sync_manager_status(place: usize) -> bool {
-    (0x0800..0x0880).contains(&place) && matches!(place % 8, 5 | 7)
+fn is_sync_manager_status(offset: usize) -> bool {
+    (0x0800..0x0880).contains(&offset) && matches!(offset % 8, 5 | 7)
 }

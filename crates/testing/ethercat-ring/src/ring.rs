@@ -128,7 +128,7 @@ impl Ring {
             let outputs = self.devices.get(from).and_then(SubDevice::as_terminal).cloned();
             let inputs = self.devices.get_mut(to).and_then(SubDevice::as_terminal_mut);
             if let (Some(outputs), Some(inputs)) = (outputs, inputs) {
-                inputs.hear(&outputs);
+                inputs.receive(&outputs);
             }
         }
         for (device, _) in self
@@ -211,10 +211,10 @@ impl Ring {
         let reached = self.reached(now_ns);
         let last = reached.saturating_sub(1) as u64;
         for (position, device) in self.devices.iter_mut().take(reached).enumerate() {
-            let place = position as u64;
+            let index = position as u64;
             let passing = Passing {
-                now_ns: now_ns + place * HOP_NS,
-                return_ns: (place < last).then_some(now_ns + (2 * last - place) * HOP_NS),
+                now_ns: now_ns + index * HOP_NS,
+                return_ns: (index < last).then_some(now_ns + (2 * last - index) * HOP_NS),
             };
             for_each_datagram(&mut frame, |datagram| device.process(datagram, passing));
             device.settle(passing.now_ns);

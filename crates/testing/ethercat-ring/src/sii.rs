@@ -95,11 +95,11 @@ impl Strings {
         if text.is_empty() {
             return 0;
         }
-        let place = self.0.iter().position(|&other| other == text).unwrap_or_else(|| {
+        let index = self.0.iter().position(|&other| other == text).unwrap_or_else(|| {
             self.0.push(text);
             self.0.len() - 1
         });
-        u8::try_from(place + 1).unwrap_or(0)
+        u8::try_from(index + 1).unwrap_or(0)
     }
 }
 
@@ -116,12 +116,12 @@ impl Contents {
             revision,
             serial,
         } = self.identity;
-        for (place, number) in (16..).step_by(4).zip([vendor, product, revision, serial]) {
-            image[place..place + 4].copy_from_slice(&number.to_le_bytes());
+        for (offset, number) in (16..).step_by(4).zip([vendor, product, revision, serial]) {
+            image[offset..offset + 4].copy_from_slice(&number.to_le_bytes());
         }
         if let Some(mailbox) = self.mailbox {
-            for (place, number) in (0x30..).step_by(2).zip(mailbox) {
-                image[place..place + 2].copy_from_slice(&number.to_le_bytes());
+            for (offset, number) in (0x30..).step_by(2).zip(mailbox) {
+                image[offset..offset + 2].copy_from_slice(&number.to_le_bytes());
             }
             image[0x38] = 0x04; // CoE
         }

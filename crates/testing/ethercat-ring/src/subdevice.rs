@@ -155,12 +155,12 @@ impl SubDevice {
         let pdos = pdos
             .into_iter()
             .map(|mut pdo| {
-                let place = if pdo.is_input {
+                let area = if pdo.is_input {
                     layout.inputs
                 } else {
                     layout.outputs
                 };
-                pdo.sync_manager = place.map_or(0xFF, |(manager, _)| manager as u8);
+                pdo.sync_manager = area.map_or(0xFF, |(manager, _)| manager as u8);
                 pdo
             })
             .collect();
@@ -464,8 +464,8 @@ impl SubDevice {
     }
 
     /// Whether the SyncManager of process data is configured for `bytes` bytes.
-    fn fits(&self, place: Option<(u16, u16)>, bytes: usize, written: bool) -> bool {
-        let Some((number, start)) = place else {
+    fn fits(&self, area: Option<(u16, u16)>, bytes: usize, written: bool) -> bool {
+        let Some((number, start)) = area else {
             return bytes == 0;
         };
         let Some(channel) = self.controller.channel(number) else {
@@ -577,9 +577,9 @@ fn contents(
     pdos: Vec<SiiPdo>,
     has_clock: bool,
 ) -> Contents {
-    let manager = |place: Option<(u16, u16)>, assignment: u16, control: u8, usage: u8| {
+    let manager = |area: Option<(u16, u16)>, assignment: u16, control: u8, usage: u8| {
         let length = ProcessMap::of(objects, assignment).bytes() as u16;
-        place.map(|(_, start)| SiiSyncManager {
+        area.map(|(_, start)| SiiSyncManager {
             start,
             length,
             control,

@@ -63,7 +63,7 @@ impl Terminal {
     }
 
     /// Receives the outputs of another terminal as inputs.
-    pub(crate) const fn hear(&mut self, other: &Self) {
+    pub(crate) const fn receive(&mut self, other: &Self) {
         match (other.kind, self.kind) {
             (TerminalKind::DigitalOutput, TerminalKind::DigitalInput) => self.bits = other.bits,
             (TerminalKind::AnalogOutput, TerminalKind::AnalogInput) => self.analog = other.analog,

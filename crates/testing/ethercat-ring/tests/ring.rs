@@ -19,7 +19,7 @@ fn ring() -> Ring {
 /// Command, address (position or station, and offset), data.
 type Order<'a> = (u8, u16, u16, &'a [u8]);
 /// Position or station, data, working counter.
-type Answer = (u16, Vec<u8>, u16);
+type Reply = (u16, Vec<u8>, u16);
 
 fn frame(orders: &[Order<'_>]) -> Vec<u8> {
     let mut body = Vec::new();
@@ -40,27 +40,27 @@ fn frame(orders: &[Order<'_>]) -> Vec<u8> {
     frame
 }
 
-fn answers(frame: &[u8]) -> Vec<Answer> {
+fn replies(frame: &[u8]) -> Vec<Reply> {
     let mut rest = &frame[16..];
-    let mut answers = Vec::new();
+    let mut replies = Vec::new();
     while rest.len() >= 12 {
         let length = usize::from(u16::from_le_bytes([rest[6], rest[7]]) & 0x7FF);
         let counter = u16::from_le_bytes([rest[10 + length], rest[11 + length]]);
-        answers.push((
+        replies.push((
             u16::from_le_bytes([rest[2], rest[3]]),
             rest[10..10 + length].to_vec(),
             counter,
         ));
         rest = &rest[12 + length..];
     }
-    answers
+    replies
 }
 
-fn send(ring: &mut Ring, now_ns: u64, orders: &[Order<'_>]) -> Vec<Answer> {
+fn send(ring: &mut Ring, now_ns: u64, orders: &[Order<'_>]) -> Vec<Reply> {
     let returned = ring.exchange(now_ns, frame(orders));
     assert_eq!(returned.len(), 1, "one frame");
     assert_eq!(returned[0].frame[6], 0x12, "the local bit of the source");
-    answers(&returned[0].frame)
+    replies(&returned[0].frame)
 }
 
 /// The counters of ETG.1000.4, section 5.4: a read counts 1, a write 1, a write together with a read 2.
@@ -237,7 +237,7 @@ fn a_cable_that_is_cut_and_a_device_that_comes_back() {
     let count = |ring: &mut Ring, at: u64| {
         ring.exchange(at, frame(&[(7, 0, 0x0000, &[0])]))
             .first()
-            .map(|returned| answers(&returned.frame)[0].2)
+            .map(|returned| replies(&returned.frame)[0].2)
     };
     assert_eq!(count(&mut ring, 1), Some(4));
     send(

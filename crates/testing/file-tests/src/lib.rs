@@ -98,10 +98,10 @@ pub fn assert_refused<T, E: std::fmt::Display>(
             panic!("{to:?} was taken");
         };
         let error = error.to_string();
-        let place = format!("bad.toml:{line}:{}:", edit.column);
+        let location = format!("bad.toml:{line}:{}:", edit.column);
         assert!(
-            error.starts_with(&place) && error.contains(edit.key),
-            "{to:?}: {error}\n  for {place} {}",
+            error.starts_with(&location) && error.contains(edit.key),
+            "{to:?}: {error}\n  for {location} {}",
             edit.key
         );
     }

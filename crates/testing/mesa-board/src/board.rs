@@ -319,8 +319,8 @@ impl Board {
                 _ => 0.0,
             },
             SpindleCommand::Field => match self.field_spindle() {
-                (share, false, true) => share,
-                (share, true, true) => -share,
+                (duty, false, true) => duty,
+                (duty, true, true) => -duty,
                 _ => 0.0,
             },
         }

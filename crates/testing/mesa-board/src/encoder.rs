@@ -137,8 +137,8 @@ impl Encoder {
         self.has_index = has_index;
     }
 
-    const fn is_at(&self, count: i64, place: i64) -> bool {
-        (count - place).rem_euclid(self.counts_per_turn) == 0
+    const fn is_at(&self, count: i64, target: i64) -> bool {
+        (count - target).rem_euclid(self.counts_per_turn) == 0
     }
 
     /// Resets to the state after power-up; the shaft keeps its position.
@@ -155,16 +155,16 @@ impl Encoder {
             rest -= step;
             let wanted = duty * self.full_speed;
             let lagging = (wanted - self.speed) * (1.0 - (-step / LAG_S).exp());
-            let (most, ripple) = match self.inertia {
+            let (max_change, ripple) = match self.inertia {
                 Some((acceleration, ripple)) if self.is_held => (STALL_FACTOR * acceleration * step, ripple),
                 Some((acceleration, ripple)) => (acceleration * step, ripple),
                 None => (f64::INFINITY, 0.0),
             };
             let has_inertia = self.inertia.is_some();
             self.speed += if self.is_held {
-                (-self.speed).clamp(-most, most)
+                (-self.speed).clamp(-max_change, max_change)
             } else {
-                lagging.clamp(-most, most)
+                lagging.clamp(-max_change, max_change)
             };
             if self.is_held && !has_inertia || wanted == 0.0 && self.speed.abs() < 1.0 {
                 self.speed = 0.0;
@@ -199,21 +199,21 @@ impl Encoder {
         }
         // The count just after the edge. The input switches on when the count reaches the index count, and
         // off when it leaves it.
-        let behind = match (self.control & RISING != 0, upwards) {
+        let after_edge = match (self.control & RISING != 0, upwards) {
             (true, _) => self.index_count,
             (false, true) => self.index_count + 1,
             (false, false) => self.index_count - 1,
         };
         let turns = self.counts_per_turn;
-        let way = if upwards {
-            (behind - before - 1).rem_euclid(turns) + 1
+        let distance = if upwards {
+            (after_edge - before - 1).rem_euclid(turns) + 1
         } else {
-            -((before - behind - 1).rem_euclid(turns) + 1)
+            -((before - after_edge - 1).rem_euclid(turns) + 1)
         };
-        if way.abs() > (now - before).abs() {
+        if distance.abs() > (now - before).abs() {
             return;
         }
-        let count = before + way;
+        let count = before + distance;
         if self.control & LATCH_ON_INDEX != 0 {
             self.latched = (count - self.zero) as u16;
         }

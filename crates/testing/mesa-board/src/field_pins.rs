@@ -73,14 +73,14 @@ impl InputFilter {
         for _ in 0..scans.min(MAX_SCANS) {
             for input in 0..self.width {
                 let count = &mut self.counts[input as usize];
-                let most = if self.slow >> input & 1 == 1 {
+                let max_count = if self.slow >> input & 1 == 1 {
                     self.control >> 22
                 } else {
                     self.control >> 16 & 0x3F
                 };
                 if self.raw >> input & 1 == 1 {
-                    *count = (*count + 1).min(most);
-                    if *count >= most {
+                    *count = (*count + 1).min(max_count);
+                    if *count >= max_count {
                         self.filtered |= 1 << input;
                     }
                 } else {

@@ -33,7 +33,7 @@ struct Arguments {
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION]")]
     faults: Vec<Fault>,
     /// A switch: a pin (of a 7i76e a field input) is low while the motor of a step generator is at or beyond
-    /// so many steps from its start; negative ones are passed downward. May be given several times.
+    /// this number of steps from its start; negative ones are passed downward. May be given several times.
     #[arg(long = "switch", value_name = "INPUT:STEPGEN:STEPS")]
     switches: Vec<Switch>,
 }
@@ -59,7 +59,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // If standard error is closed, the message cannot be shown.
-            let _told = writeln!(std::io::stderr(), "error: {error}");
+            let _written = writeln!(std::io::stderr(), "error: {error}");
             ExitCode::from(2)
         }
     }

@@ -125,8 +125,8 @@ fn memory() -> Vec<u8> {
     let mut memory = vec![0; 0x0800];
     let mut next = RECORDS;
     let mut put = |table: u16, entry: &mut u16, record: &[u8]| {
-        let place = usize::from(table + 2 * *entry);
-        memory[place..place + 2].copy_from_slice(&next.to_le_bytes());
+        let offset = usize::from(table + 2 * *entry);
+        memory[offset..offset + 2].copy_from_slice(&next.to_le_bytes());
         let at = usize::from(next);
         memory[at..at + record.len()].copy_from_slice(record);
         *entry += 1;

@@ -74,8 +74,8 @@ impl StepGenerator {
     pub(crate) fn advance(&mut self, clocks: u64, clock_hz: f64, reaches_motor: bool) {
         let rate = i128::from(self.rate as i32);
         // The configured times limit the rate of pulses.
-        let most = (1_i128 << FRACTION) / i128::from(self.clocks_per_step());
-        let rate = rate.clamp(-most, most);
+        let max_rate = (1_i128 << FRACTION) / i128::from(self.clocks_per_step());
+        let rate = rate.clamp(-max_rate, max_rate);
         let before = self.accumulator;
         let moved = rate * i128::from(clocks);
         self.accumulator = (i128::from(before) + moved) as u64 & MASK;
@@ -122,7 +122,7 @@ impl StepMotor {
             return;
         }
         if (rate - self.rate).abs() > self.max_jump || rate.abs() > self.max_rate {
-            // The motor loses steps, and stands until the rate is low enough to start again.
+            // The motor loses steps, and stops until the rate is low enough to start again.
             self.stalls += 1;
             self.rate = 0.0;
             return;

@@ -35,22 +35,22 @@ fn board_behind_cable(model: BoardModel) -> Result<BoardServer, String> {
         ip(&arguments.split(' ').collect::<Vec<_>>())?;
     }
     ip(&["addr", "add", CLIENT, "dev", "hm0"])?;
-    let (tell, told) = std::sync::mpsc::channel();
-    let (give, given) = std::sync::mpsc::channel();
+    let (thread_sender, thread_receiver) = std::sync::mpsc::channel();
+    let (ready_sender, ready) = std::sync::mpsc::channel();
     // A socket stays in the namespace of the thread that opened it.
     let other = std::thread::spawn(move || {
         own_namespace()?;
         // SAFETY: no memory is concerned.
         let thread = unsafe { libc::gettid() };
-        tell.send(thread).map_err(|error| error.to_string())?;
-        given.recv().map_err(|error| error.to_string())?;
+        thread_sender.send(thread).map_err(|error| error.to_string())?;
+        ready.recv().map_err(|error| error.to_string())?;
         ip(&["addr", "add", &format!("{BOARD}/24"), "dev", "hm1"])?;
         ip(&["link", "set", "hm1", "up"])?;
         std::net::UdpSocket::bind((BOARD, PORT)).map_err(|error| error.to_string())
     });
-    if let Ok(thread) = told.recv() {
+    if let Ok(thread) = thread_receiver.recv() {
         ip(&["link", "set", "hm1", "netns", &thread.to_string()])?;
-        give.send(()).map_err(|error| error.to_string())?;
+        ready_sender.send(()).map_err(|error| error.to_string())?;
     }
     let socket = other.join().map_err(|_| "the board's thread".to_owned())??;
     ip(&["link", "set", "hm0", "up"])?;
@@ -138,8 +138,8 @@ fn mesaflash_reads_modules_and_pins() {
                 .args(["--device", device, "--addr", BOARD, "--readhmid"])
                 .output()
                 .expect("mesaflash to start");
-            let said = text(&output);
-            assert!(output.status.success(), "{said}");
+            let output_text = text(&output);
+            assert!(output.status.success(), "{output_text}");
             for wanted in [
                 "Clock Low frequency: 100.0000 MHz",
                 "WatchDog",
@@ -147,10 +147,10 @@ fn mesaflash_reads_modules_and_pins() {
                 "QCount",
                 modules,
             ] {
-                assert!(said.contains(wanted), "{wanted}: {said}");
+                assert!(output_text.contains(wanted), "{wanted}: {output_text}");
             }
-            let pins = said.matches("IOPort ").count();
-            assert!(pins >= 34, "{pins} pins: {said}");
+            let pins = output_text.matches("IOPort ").count();
+            assert!(pins >= 34, "{pins} pins: {output_text}");
         });
     }
 }
@@ -194,31 +194,31 @@ fn hal(file: &str) -> Output {
 }
 
 /// The output of `getp` after a mark.
-fn printed<'a>(said: &'a str, mark: &str) -> &'a str {
-    let rest = said.split(mark).nth(1).unwrap_or_default();
+fn printed<'a>(output_text: &'a str, mark: &str) -> &'a str {
+    let rest = output_text.split(mark).nth(1).unwrap_or_default();
     rest.lines().nth(1).unwrap_or_default().trim()
 }
 
 /// The output of `getp` after a mark, as a number.
-fn after(said: &str, mark: &str) -> f64 {
-    let text = printed(said, mark);
+fn after(output_text: &str, mark: &str) -> f64 {
+    let text = printed(output_text, mark);
     text.parse()
-        .unwrap_or_else(|_| panic!("no number after {mark}: {said}"))
+        .unwrap_or_else(|_| panic!("no number after {mark}: {output_text}"))
 }
 
 /// Runs `hm2_eth`, and repeats the run if the host disturbed it: on a busy host it may time out waiting for a
 /// packet.
 fn hal_in_time(file: &str) -> String {
-    let mut said = String::new();
+    let mut output_text = String::new();
     for _ in 0..5 {
         let output = hal(file);
-        said = text(&output);
-        if output.status.success() && !said.contains("Resource temporarily unavailable") {
-            return said;
+        output_text = text(&output);
+        if output.status.success() && !output_text.contains("Resource temporarily unavailable") {
+            return output_text;
         }
-        println!("again: {said}");
+        println!("again: {output_text}");
     }
-    panic!("hm2_eth did not run: {said}");
+    panic!("hm2_eth did not run: {output_text}");
 }
 
 /// Registers read and written from one feeding of the watchdog to the next, as in most cycles.
@@ -261,22 +261,25 @@ getp hm2_7i96s.0.stepgen.00.position-fb
     const PROGRAMS: [&str; 2] = ["halrun", "iptables"];
     on_cable(BoardModel::B7i96s, &PROGRAMS, |server| {
         // On a busy host the client may time out waiting for a packet.
-        let mut said = String::new();
+        let mut output_text = String::new();
         for _ in 0..5 {
             server.lock().keep_log();
             let begin = server.lock().motor_steps(0);
             let output = hal(&prepared("7i96s", 200_000_000, HAL));
-            said = text(&output);
-            if said.contains("Resource temporarily unavailable") || !output.status.success() {
-                println!("again: {said}");
+            output_text = text(&output);
+            if output_text.contains("Resource temporarily unavailable") || !output.status.success() {
+                println!("again: {output_text}");
                 continue;
             }
             let board = server.lock();
-            let counts = after(&said, "counts");
+            let counts = after(&output_text, "counts");
             let moved = board.motor_steps(0) - begin;
             assert!((moved - counts).abs() <= 1.0, "motor {moved}, hm2_eth {counts}");
             assert!(counts > 1000.0, "about 4000 steps: {counts}");
-            assert!((after(&said, "wired") * 100.0 - counts).abs() <= 1.0, "{said}");
+            assert!(
+                (after(&output_text, "wired") * 100.0 - counts).abs() <= 1.0,
+                "{output_text}"
+            );
             assert_eq!(
                 board.step_times_ns(0)[..2],
                 [2010, 3010],
@@ -301,7 +304,7 @@ getp hm2_7i96s.0.stepgen.00.position-fb
             assert!(!server.lock().is_driven(11));
             return;
         }
-        panic!("hm2_eth did not run: {said}");
+        panic!("hm2_eth did not run: {output_text}");
     });
 }
 
@@ -336,9 +339,9 @@ getp hm2_7i96s.0.inm.00.input-03
         server.lock().wire(15, 5);
         server.lock().set_level(4, false);
         server.lock().keep_log();
-        let said = hal_in_time(&prepared("7i96s", 500_000_000, HAL));
+        let output_text = hal_in_time(&prepared("7i96s", 500_000_000, HAL));
         let log = server.lock().take_log();
-        println!("{said}");
+        println!("{output_text}");
         for (mark, wanted) in [
             ("closed", "TRUE"),
             ("other", "TRUE"),
@@ -347,7 +350,7 @@ getp hm2_7i96s.0.inm.00.input-03
             ("raw", "TRUE"),
             ("again", "FALSE"),
         ] {
-            assert_eq!(printed(&said, mark), wanted, "{mark}: {said}");
+            assert_eq!(printed(&output_text, mark), wanted, "{mark}: {output_text}");
         }
         for (address, is_write) in [
             (0x7D00, true),
@@ -384,25 +387,25 @@ loadusr -w sleep 1
 ";
     on_cable(BoardModel::B7i76e, &["halrun", "iptables"], |server| {
         server.lock().wire_field(5, 7);
-        let seen = std::thread::scope(|scope| {
+        let is_quarter = std::thread::scope(|scope| {
             let spindle = scope.spawn(|| {
                 let begin = std::time::Instant::now();
                 while begin.elapsed() < std::time::Duration::from_secs(200) {
-                    let (share, reverse, enabled) = server.lock().field_spindle();
-                    if (share - 0.25).abs() < 3e-4 && !reverse && enabled {
+                    let (duty, reverse, enabled) = server.lock().field_spindle();
+                    if (duty - 0.25).abs() < 3e-4 && !reverse && enabled {
                         return true;
                     }
                     std::thread::sleep(std::time::Duration::from_millis(5));
                 }
                 false
             });
-            let said = hal_in_time(&prepared("7i76e", 500_000_000, HAL));
-            println!("{said}");
-            assert_eq!(printed(&said, "wired"), "TRUE", "{said}");
-            assert_eq!(printed(&said, "other"), "FALSE", "{said}");
+            let output_text = hal_in_time(&prepared("7i76e", 500_000_000, HAL));
+            println!("{output_text}");
+            assert_eq!(printed(&output_text, "wired"), "TRUE", "{output_text}");
+            assert_eq!(printed(&output_text, "other"), "FALSE", "{output_text}");
             spindle.join().expect("no panic")
         });
-        assert!(seen, "the spindle's output was a quarter");
+        assert!(is_quarter, "the spindle's output was a quarter");
         assert_eq!(server.lock().traffic().refused, 0);
     });
 }
@@ -427,7 +430,7 @@ fn hm2_eth_latches_the_index_of_an_encoder() {
         on_cable(BoardModel::B7i97, &["halrun", "iptables"], move |server| {
             server.lock().set_index(0, 1300);
             let stop = std::sync::atomic::AtomicBool::new(false);
-            let said = std::thread::scope(|scope| {
+            let output_text = std::thread::scope(|scope| {
                 // One and a half turns after the driver has armed it.
                 scope.spawn(|| {
                     let mut left = 0;
@@ -444,17 +447,17 @@ fn hm2_eth_latches_the_index_of_an_encoder() {
                         std::thread::sleep(std::time::Duration::from_millis(5));
                     }
                 });
-                let said = hal_in_time(&prepared("7i97", 500_000_000, &hal));
+                let output_text = hal_in_time(&prepared("7i97", 500_000_000, &hal));
                 stop.store(true, std::sync::atomic::Ordering::Relaxed);
-                said
+                output_text
             });
-            println!("{said}");
-            assert_eq!(printed(&said, "armed"), "FALSE", "{said}");
+            println!("{output_text}");
+            assert_eq!(printed(&output_text, "armed"), "FALSE", "{output_text}");
             // The pulse is at 1300 counts of each turn of 4000, and the first one counts.
             let shaft = server.lock().shaft(0);
-            let pulse = shaft - after(&said, "counted");
+            let pulse = shaft - after(&output_text, "counted");
             println!("rising {rising}: pulse at {pulse}");
-            assert_eq!((pulse as i64).rem_euclid(4000), edge, "{said}");
+            assert_eq!((pulse as i64).rem_euclid(4000), edge, "{output_text}");
             assert_eq!(server.lock().traffic().refused, 0);
         });
     }
@@ -471,7 +474,7 @@ fn registers(log: &[(u16, bool)]) -> Registers {
     [of(false), of(true)]
 }
 
-fn told(registers: &BTreeSet<u16>) -> String {
+fn addresses_text(registers: &BTreeSet<u16>) -> String {
     let texts: Vec<_> = registers.iter().map(|address| format!("{address:04X}")).collect();
     texts.join(" ")
 }
@@ -495,11 +498,11 @@ loadusr -w sleep 1
 ";
     on_cable(BoardModel::B7i96s, &["halrun", "iptables"], |server| {
         server.lock().keep_log();
-        let said = hal_in_time(&prepared("7i96s", 200_000_000, HAL));
+        let output_text = hal_in_time(&prepared("7i96s", 200_000_000, HAL));
         let log = server.lock().take_log();
         let of_hm2 = registers(&log);
         let (reads, writes) = per_cycle(&log);
-        println!("hm2_eth: {reads} registers read and {writes} written in a cycle; {said}");
+        println!("hm2_eth: {reads} registers read and {writes} written in a cycle; {output_text}");
 
         let prefix = format!("mesafr{}_", std::process::id());
         let shipped = |file: &str| evolvent_file_tests::shipped(file);
@@ -537,16 +540,22 @@ loadusr -w sleep 1
             "our bridge: {reads} registers read and {writes} written in a cycle; {counts:?} packets and feeds"
         );
         for (direction, (theirs, ours)) in ["read", "written"].iter().zip(of_hm2.iter().zip(&ours)) {
-            println!("{direction} by both: {}", told(&(theirs & ours)));
-            println!("{direction} by hm2_eth alone: {}", told(&(theirs - ours)));
-            println!("{direction} by our bridge alone: {}", told(&(ours - theirs)));
+            println!("{direction} by both: {}", addresses_text(&(theirs & ours)));
+            println!(
+                "{direction} by hm2_eth alone: {}",
+                addresses_text(&(theirs - ours))
+            );
+            println!(
+                "{direction} by our bridge alone: {}",
+                addresses_text(&(ours - theirs))
+            );
         }
         for (direction, (theirs, ours)) in ["read", "written"].iter().zip(of_hm2.iter().zip(&ours)) {
             let alone = ours - theirs;
             assert!(
                 alone.is_empty(),
                 "{direction} by our bridge alone: {}",
-                told(&alone)
+                addresses_text(&alone)
             );
         }
         // The rates, the ports and the watchdog are in every cycle of both.

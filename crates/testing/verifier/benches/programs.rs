@@ -28,7 +28,7 @@ use trial::{Trial, planner_of, root, setup, trial};
 
 #[derive(Debug)]
 struct Options {
-    places: Vec<PathBuf>,
+    paths: Vec<PathBuf>,
     planners: Vec<Option<PlannerKind>>,
     rate_hz: Option<f64>,
     machine: PathBuf,
@@ -41,7 +41,7 @@ struct Options {
 impl Options {
     fn read() -> Result<Self, String> {
         let mut options = Self {
-            places: Vec::new(),
+            paths: Vec::new(),
             planners: vec![None],
             rate_hz: None,
             machine: root().join("config/machines/bench-3axis.toml"),
@@ -74,7 +74,7 @@ impl Options {
                 "--only" => options.only = Some(value()?),
                 "--write" => options.write = Some(value()?.into()),
                 flag if flag.starts_with('-') => return Err(format!("there is no option {flag}")),
-                place => options.places.push(place.into()),
+                path => options.paths.push(path.into()),
             }
         }
         Ok(options)
@@ -82,13 +82,13 @@ impl Options {
 }
 
 /// Programs of a folder in the order of their names, or one program.
-fn programs(place: &Path) -> Result<Vec<PathBuf>, String> {
-    let fail = |error: std::io::Error| format!("{}: {error}", place.display());
-    if place.is_file() {
-        return Ok(vec![place.to_owned()]);
+fn programs(path: &Path) -> Result<Vec<PathBuf>, String> {
+    let fail = |error: std::io::Error| format!("{}: {error}", path.display());
+    if path.is_file() {
+        return Ok(vec![path.to_owned()]);
     }
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(place).map_err(fail)? {
+    for entry in std::fs::read_dir(path).map_err(fail)? {
         let path = entry.map_err(fail)?.path();
         if path.extension().is_some_and(|ending| ending == "ngc") {
             files.push(path);
@@ -361,13 +361,13 @@ fn bench(options: &Options) -> Result<bool, String> {
     let peers: BTreeMap<String, Peer> = peers()?;
     let own;
     let mut files = Vec::new();
-    if options.places.is_empty() {
+    if options.paths.is_empty() {
         files.extend(programs(&root().join("tests/programs"))?);
         own = tempfile::tempdir().map_err(|error| error.to_string())?;
         files.extend(write_suite(own.path())?);
     }
-    for place in &options.places {
-        files.extend(programs(place)?);
+    for path in &options.paths {
+        files.extend(programs(path)?);
     }
     if let Some(only) = &options.only {
         files.retain(|file| name_of(file).contains(only));

@@ -80,10 +80,10 @@ fn plan(program: &Path, setup: &Setup) -> Result<Vec<(f64, u32)>, String> {
     Ok(std::mem::take(&mut planner.sink_mut().plans))
 }
 
-fn quantile(sorted: &[f64], share: f64) -> f64 {
+fn quantile(sorted: &[f64], fraction: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     sorted
-        .get((share * last as f64).round() as usize)
+        .get((fraction * last as f64).round() as usize)
         .copied()
         .unwrap_or(0.0)
 }
@@ -116,14 +116,14 @@ fn bench() -> Result<(), String> {
                 let value = words.next().and_then(|value| value.parse().ok());
                 runs = value.ok_or("--runs needs a number")?;
             }
-            place => {
-                let place = PathBuf::from(place);
-                if place.is_file() {
-                    files.push(place);
+            path => {
+                let path = PathBuf::from(path);
+                if path.is_file() {
+                    files.push(path);
                     continue;
                 }
                 let entries =
-                    std::fs::read_dir(&place).map_err(|error| format!("{}: {error}", place.display()))?;
+                    std::fs::read_dir(&path).map_err(|error| format!("{}: {error}", path.display()))?;
                 files.extend(
                     (entries.filter_map(Result::ok).map(|entry| entry.path()))
                         .filter(|path| path.extension().is_some_and(|ending| ending == "ngc")),
@@ -140,8 +140,8 @@ fn bench() -> Result<(), String> {
     for file in &files {
         let mut plans = plan(file, &setup)?;
         for _ in 1..runs {
-            for (least, again) in plans.iter_mut().zip(plan(file, &setup)?) {
-                least.0 = least.0.min(again.0);
+            for (best, again) in plans.iter_mut().zip(plan(file, &setup)?) {
+                best.0 = best.0.min(again.0);
             }
         }
         row(&file.file_stem().unwrap_or_default().to_string_lossy(), &plans);

@@ -45,7 +45,7 @@ fn chain(letters: &str, chords: usize, chord_mm: f64) -> String {
 
 struct Bench {
     folder: tempfile::TempDir,
-    least: Option<(f64, f64)>,
+    last_run: Option<(f64, f64)>,
     runs: usize,
 }
 
@@ -53,30 +53,30 @@ impl Bench {
     fn line(&mut self, name: &str, text: &str, setup: &Setup) -> Result<(), String> {
         let path = self.folder.path().join("program.ngc");
         std::fs::write(&path, text).map_err(|error| error.to_string())?;
-        let mut least = f64::INFINITY;
+        let mut min_s = f64::INFINITY;
         let mut last = None;
         for _ in 0..self.runs {
             let trial = trial(&path, setup)?;
-            least = least.min(trial.planning_s);
+            min_s = min_s.min(trial.planning_s);
             last = Some(trial);
         }
         let Some(trial) = last else { return Ok(()) };
         let verdict = &trial.verdict;
         let blocks = verdict.blocks as f64;
         let growth = self
-            .least
-            .map(|(before, cost)| libm::log(least / cost) / libm::log(blocks / before));
-        self.least = Some((blocks, least));
+            .last_run
+            .map(|(before, cost)| libm::log(min_s / cost) / libm::log(blocks / before));
+        self.last_run = Some((blocks, min_s));
         println!(
             "| {name} | {} | {:.3} | {:.1} | {:.4} | {:.4} | {:.2} | {:.0} | {:.2} % | {} | {} |",
             verdict.blocks,
             verdict.duration_s,
             1e3 * blocks / verdict.path_mm.max(1e-9),
             trial.reading_s,
-            least,
-            1e6 * least / blocks,
-            blocks / least,
-            100.0 * least / verdict.duration_s,
+            min_s,
+            1e6 * min_s / blocks,
+            blocks / min_s,
+            100.0 * min_s / verdict.duration_s,
             growth
                 .filter(|growth| growth.is_finite())
                 .map_or("-".to_owned(), |growth| format!("{growth:.2}")),
@@ -91,7 +91,7 @@ impl Bench {
     }
 
     fn head(&mut self, what: &str) {
-        self.least = None;
+        self.last_run = None;
         println!("\n{what}\n");
         println!(
             "| program | blocks | time s | blocks per m | reading s | planning s | us per block | blocks/s \
@@ -119,7 +119,7 @@ fn bench() -> Result<(), String> {
     let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
     let mut bench = Bench {
         folder,
-        least: None,
+        last_run: None,
         runs: if quick { 1 } else { 3 },
     };
     let machine: &Path = &root().join("config/machines/bench-3axis.toml");
@@ -127,10 +127,10 @@ fn bench() -> Result<(), String> {
     println!("planner {:?}", three.machine.path.planner);
 
     bench.head("Blocks of one length: chains of 0.1 mm chords, three axes.");
-    let most = if quick { 10_000 } else { 100_000 };
+    let max_count = if quick { 10_000 } else { 100_000 };
     for blocks in [100, 1000, 10_000, 100_000]
         .into_iter()
-        .filter(|blocks| *blocks <= most)
+        .filter(|blocks| *blocks <= max_count)
     {
         let text = chain("XYZ", blocks, 0.1);
         bench.line(&format!("{blocks} chords of 0.1 mm"), &text, &three)?;
@@ -139,7 +139,7 @@ fn bench() -> Result<(), String> {
     bench.head("One path in ever shorter blocks: the butterfly.");
     for chords in [200, 2000, 20_000, 100_000]
         .into_iter()
-        .filter(|chords| *chords <= most)
+        .filter(|chords| *chords <= max_count)
     {
         bench.line(
             &format!("butterfly in {chords}"),
@@ -152,13 +152,13 @@ fn bench() -> Result<(), String> {
     for letters in ["X", "XY", "XYZ", "XYZAB", "XYZABC", "XYZABCUVW"] {
         let setup = equal_axes(letters, 1000.0, planner)?;
         bench.line(letters, &chain(letters, 5000, 0.1), &setup)?;
-        bench.least = None;
+        bench.last_run = None;
     }
 
     bench.head("Length of the chords: 200 mm in three axes.");
     for chord_mm in [2.0, 0.5, 0.1, 0.02, 0.005] {
         let blocks = (200.0 / chord_mm) as usize;
-        if blocks > most {
+        if blocks > max_count {
             continue;
         }
         bench.line(&format!("{chord_mm} mm"), &chain("XYZ", blocks, chord_mm), &three)?;

@@ -128,7 +128,7 @@ impl<'a> Follower<'a> {
                 from + (position - from) * (i as f64 / points)
             };
             let lost = !self.advance(&before, &point);
-            self.see(&before, &point, last);
+            self.record_ends(&before, &point, last);
             let (block, gap, end) = self.nearest(&point, lost);
             let off = linear(&gap).max(rotary(&gap));
             let tolerance = self.tolerance(block);
@@ -154,7 +154,7 @@ impl<'a> Follower<'a> {
         let blocks = self.route.blocks.len();
         let here = self.last;
         let route_position = self.at;
-        self.see(&here, &here, true);
+        self.record_ends(&here, &here, true);
         self.settle(blocks);
         if !self.ends_here(route_position) && self.coverage.missed == 0 {
             self.coverage.missed = 1;
@@ -163,21 +163,21 @@ impl<'a> Follower<'a> {
         self.coverage
     }
 
-    /// Whether the rest of the program from `route_position` on stays near the motion's last point. A loop that was
-    /// not driven ends at that point too, but does not stay near it.
+    /// Whether the rest of the program from `route_position` on stays near the motion's last point. A loop
+    /// that was not driven ends at that point too, but does not stay near it.
     fn ends_here(&self, mut route_position: RoutePosition) -> bool {
         while let Some(block) = self.route.blocks.get(route_position.block) {
             let within = self.within(route_position.block);
             loop {
                 let off = distance(&self.last, &block.piece.point(route_position.u));
-                let room = NEIGHBOURHOOD * within - off;
-                if room < 0.0 {
+                let margin = NEIGHBOURHOOD * within - off;
+                if margin < 0.0 {
                     return false;
                 }
                 if route_position.u >= block.length {
                     break;
                 }
-                route_position.u = (route_position.u + room.max(within / 64.0)).min(block.length);
+                route_position.u = (route_position.u + margin.max(within / 64.0)).min(block.length);
             }
             route_position = RoutePosition {
                 block: route_position.block + 1,
@@ -286,7 +286,7 @@ impl<'a> Follower<'a> {
             )
         };
         let away = off(self.at);
-        let (u, mut least) = self.route.blocks[self.at.block].piece.nearest(point, self.at.u);
+        let (u, mut min_distance) = self.route.blocks[self.at.block].piece.nearest(point, self.at.u);
         let mut best = RoutePosition {
             block: self.at.block,
             u,
@@ -296,13 +296,13 @@ impl<'a> Follower<'a> {
         for index in (self.at.block..self.route.blocks.len()).take(MAX_BLOCKS) {
             let block = &self.route.blocks[index];
             let from = if index == self.at.block { self.at.u } else { 0.0 };
-            let most = (reach - passed).min(block.length);
+            let max_u = (reach - passed).min(block.length);
             let tries = if block.piece.is_straight() { 1 } else { TRIES };
             for i in 0..tries {
-                let u = from + (most - from).max(0.0) * (i as f64 / tries as f64);
+                let u = from + (max_u - from).max(0.0) * (i as f64 / tries as f64);
                 let (u, distance) = block.piece.nearest(point, u);
-                if distance < 0.5 * least {
-                    least = distance;
+                if distance < 0.5 * min_distance {
+                    min_distance = distance;
                     best = RoutePosition { block: index, u };
                 }
             }
@@ -377,7 +377,7 @@ impl<'a> Follower<'a> {
     }
 
     /// Records the distance of the motion from the ends of blocks that are being passed or are ahead.
-    fn see(&mut self, before: &Axes, point: &Axes, is_setpoint: bool) {
+    fn record_ends(&mut self, before: &Axes, point: &Axes, is_setpoint: bool) {
         let passed = self.at.block;
         for index in self.done..self.route.blocks.len() {
             let block = &self.route.blocks[index];

@@ -69,7 +69,7 @@ impl InvolutePiece {
         self.length
     }
 
-    fn share(&self, u: f64) -> f64 {
+    fn fraction(&self, u: f64) -> f64 {
         let x = u / self.length;
         if self.inward { 1.0 - x } else { x }
     }
@@ -91,11 +91,11 @@ impl InvolutePiece {
     }
 
     pub(crate) fn point(&self, u: f64) -> Axes {
-        self.outward(self.share(u) * self.planar)
+        self.outward(self.fraction(u) * self.planar)
     }
 
     pub(crate) fn tangent(&self, u: f64) -> Axes {
-        let (_, theta) = self.theta(self.share(u) * self.planar);
+        let (_, theta) = self.theta(self.fraction(u) * self.planar);
         let (sin, cos) = libm::sincos(theta);
         let mut tangent = self.along;
         tangent[self.axes[0]] = self.planar * cos + self.gap[0];

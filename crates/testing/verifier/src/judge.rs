@@ -96,9 +96,9 @@ impl<'a> Judge<'a> {
         verdict.first_missed = coverage.first_missed.map(line);
         verdict
             .reverse
-            .see(coverage.farthest.0, 0, line(coverage.farthest.1), 0);
+            .record(coverage.farthest.0, 0, line(coverage.farthest.1), 0);
         let rest = (coverage.rest.0 - self.rest_mm).max(0.0);
-        verdict.rest.see(rest, 0, line(coverage.rest.1), 0);
+        verdict.rest.record(rest, 0, line(coverage.rest.1), 0);
         self.verdict
     }
 
@@ -117,11 +117,11 @@ impl<'a> Judge<'a> {
         let blocks = &self.route.blocks;
         let line = blocks[found.block].line;
         let verdict = &mut self.verdict;
-        verdict.deviation_mm.see(found.linear, setpoint, line, 0);
-        verdict.deviation_deg.see(found.rotary, setpoint, line, 0);
-        verdict.deviation.see(found.ratio, setpoint, line, 0);
-        verdict.between_mm.see(found.between, setpoint, line, 0);
-        verdict.between.see(found.between_ratio, setpoint, line, 0);
+        verdict.deviation_mm.record(found.linear, setpoint, line, 0);
+        verdict.deviation_deg.record(found.rotary, setpoint, line, 0);
+        verdict.deviation.record(found.ratio, setpoint, line, 0);
+        verdict.between_mm.record(found.between, setpoint, line, 0);
+        verdict.between.record(found.between_ratio, setpoint, line, 0);
         if found.lost {
             verdict.lost += 1;
             verdict.first_lost.get_or_insert((setpoint, line));
@@ -130,11 +130,11 @@ impl<'a> Judge<'a> {
         let metric = blocks[found.block].metric;
         if about.iter().all(|block| block.metric == metric) {
             let step = (position - self.last).fixed_rows::<3>(metric.first_axis()).norm();
-            let most = about.iter().fold(0.0_f64, |most, block| most.max(block.feed));
+            let max = about.iter().fold(0.0_f64, |max, block| max.max(block.feed));
             // Error of a speed from the rounding of positions.
             let noise = 8.0 * f64::EPSILON * position.amax();
-            let ratio = (step - noise).max(0.0) / (self.period_s * most);
-            verdict.feed.see(ratio, setpoint, line, 0);
+            let ratio = (step - noise).max(0.0) / (self.period_s * max);
+            verdict.feed.record(ratio, setpoint, line, 0);
         }
         let (low, high) = (self.block.min(found.block), self.block.max(found.block));
         if blocks[low..high].iter().any(|block| block.joint) {
@@ -148,21 +148,23 @@ impl<'a> Judge<'a> {
         let line = self.route.blocks.get(self.block).map_or(0, |block| block.line);
         let verdict = &mut self.verdict;
         let [velocity, acceleration, jerk] = ratios.orders;
-        verdict.velocity.see(velocity.0, setpoint, line, velocity.1);
+        verdict.velocity.record(velocity.0, setpoint, line, velocity.1);
         verdict
             .acceleration
-            .see(acceleration.0, setpoint, line, acceleration.1);
+            .record(acceleration.0, setpoint, line, acceleration.1);
         let at_joint = self.joint.is_some_and(|joint| setpoint < joint + JOINT_SETPOINTS);
         if at_joint {
-            verdict.joint.see(ratios.joint.0, setpoint, line, ratios.joint.1);
+            verdict
+                .joint
+                .record(ratios.joint.0, setpoint, line, ratios.joint.1);
         } else {
-            verdict.jerk.see(jerk.0, setpoint, line, jerk.1);
+            verdict.jerk.record(jerk.0, setpoint, line, jerk.1);
         }
         verdict
             .chord
-            .see(ratios.chord_mm / self.chord_mm, setpoint, line, 0);
+            .record(ratios.chord_mm / self.chord_mm, setpoint, line, 0);
         verdict
             .travel
-            .see(ratios.beyond.0, setpoint, line, ratios.beyond.1);
+            .record(ratios.beyond.0, setpoint, line, ratios.beyond.1);
     }
 }

@@ -23,12 +23,12 @@ pub(crate) fn distance(a: &Axes, b: &Axes) -> f64 {
 pub(crate) fn from_stretch(point: &Axes, from: &Axes, to: &Axes) -> f64 {
     let along = to - from;
     let square = along.dot(&along);
-    let share = if square > 0.0 {
+    let fraction = if square > 0.0 {
         ((point - from).dot(&along) / square).clamp(0.0, 1.0)
     } else {
         0.0
     };
-    distance(point, &(from + along * share))
+    distance(point, &(from + along * fraction))
 }
 
 fn norm(x: f64, y: f64, z: f64) -> f64 {

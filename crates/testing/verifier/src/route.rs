@@ -156,7 +156,7 @@ impl Route {
         }
         let piece = Piece::of(&motion.curve);
         let length = piece.length();
-        let most = machine.max_feed_mm_s.unwrap_or(f64::INFINITY);
+        let max_feed = machine.max_feed_mm_s.unwrap_or(f64::INFINITY);
         let (tolerance, rest) = match motion.path_mode {
             PathMode::ExactPath => (0.0, false),
             PathMode::ExactStop => (0.0, true),
@@ -173,7 +173,7 @@ impl Route {
                 length,
                 line,
                 feed: if motion.feed_mm_s.is_finite() {
-                    motion.feed_mm_s.min(most)
+                    motion.feed_mm_s.min(max_feed)
                 } else {
                     motion.feed_mm_s
                 },

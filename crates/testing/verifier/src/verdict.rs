@@ -19,7 +19,7 @@ pub struct Worst {
 }
 
 impl Worst {
-    pub(crate) fn see(&mut self, value: f64, setpoint: u64, line: u32, axis: usize) {
+    pub(crate) fn record(&mut self, value: f64, setpoint: u64, line: u32, axis: usize) {
         if value > self.value {
             *self = Self {
                 value,
@@ -106,7 +106,7 @@ pub struct Allowances {
     /// Ratio of the speed to the programmed feed.
     pub feed: f64,
     /// Distance of ends, rests and travel, mm or degrees.
-    pub place: f64,
+    pub position: f64,
 }
 
 impl Default for Allowances {
@@ -121,7 +121,7 @@ impl Default for Allowances {
             deviation: 1.000_001,
             chord: 1.01,
             feed: 1.001,
-            place: 1e-6,
+            position: 1e-6,
         }
     }
 }
@@ -224,9 +224,9 @@ impl Verdict {
     #[must_use]
     pub fn violations(&self, allow: &Allowances) -> Vec<Violation> {
         let mut list = Vec::new();
-        let mut compare = |kind, worst: &Worst, most: f64, one_axis: bool| {
+        let mut compare = |kind, worst: &Worst, max: f64, one_axis: bool| {
             // Negated so that NaN is a violation.
-            if !(worst.value <= most) {
+            if !(worst.value <= max) {
                 list.push(Violation {
                     kind,
                     value: worst.value,
@@ -245,7 +245,7 @@ impl Verdict {
             line,
             axis: 0,
         };
-        let place = |value: f64, setpoint: u64| Worst {
+        let at_setpoint = |value: f64, setpoint: u64| Worst {
             value,
             setpoint,
             ..Worst::default()
@@ -259,13 +259,18 @@ impl Verdict {
         compare(Kind::Between, &self.between, allow.chord, false);
         compare(Kind::Chord, &self.chord, allow.chord, false);
         compare(Kind::Feed, &self.feed, allow.feed, false);
-        compare(Kind::Travel, &self.travel, allow.place, true);
+        compare(Kind::Travel, &self.travel, allow.position, true);
         compare(Kind::Order, &count(self.lost, lost_line, lost_at), 0.0, false);
         let missed = count(self.missed as u64, self.first_missed.unwrap_or(0), 0);
         compare(Kind::Missed, &missed, 0.0, false);
-        compare(Kind::Rest, &self.rest, allow.place, false);
-        compare(Kind::Start, &place(self.start, 0), allow.place, false);
-        compare(Kind::End, &place(self.end, self.setpoints), allow.place, false);
+        compare(Kind::Rest, &self.rest, allow.position, false);
+        compare(Kind::Start, &at_setpoint(self.start, 0), allow.position, false);
+        compare(
+            Kind::End,
+            &at_setpoint(self.end, self.setpoints),
+            allow.position,
+            false,
+        );
         compare(Kind::Unreadable, &count(self.unreadable, 0, 0), 0.0, false);
         list
     }

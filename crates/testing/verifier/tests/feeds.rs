@@ -60,16 +60,16 @@ fn a_slow_block_on_a_line_does_not_slow_the_next() {
             let speed = (feed / 60.0 * 1e4).round() / 1e4;
             (at, blocks) = (at + length, blocks + 1);
             text.push_str(&format!("G1 {letter}{at:.6} F{:.6}\n", 60.0 * speed));
-            let (way, seconds) = change(&limits, axis, before, speed);
-            shortest += length / speed + seconds - way / speed.max(before);
+            let (distance, seconds) = change(&limits, axis, before, speed);
+            shortest += length / speed + seconds - distance / speed.max(before);
             (before, slack) = (speed, slack + 0.01 + 0.5 * seconds);
         }
-        let (way, last) = change(&limits, axis, before, 0.0);
-        shortest += last - way / before;
+        let (distance, last) = change(&limits, axis, before, 0.0);
+        shortest += last - distance / before;
         let seconds = keeps_everything(name, &(text.clone() + "M2\n"));
         // Cost of the intervals: half of the duration, and 10 ms for a short change.
-        let most = shortest + slack + 0.01 + 0.5 * last;
-        assert!(seconds <= most, "{seconds} s, shortest {shortest} s\n{text}");
+        let max_s = shortest + slack + 0.01 + 0.5 * last;
+        assert!(seconds <= max_s, "{seconds} s, shortest {shortest} s\n{text}");
         assert!(
             seconds >= 0.999 * shortest,
             "{seconds} s, shortest {shortest} s\n{text}"
@@ -81,7 +81,7 @@ fn a_slow_block_on_a_line_does_not_slow_the_next() {
 fn program(random: &mut Random) -> String {
     let tolerance = random.one_of(&[0.01, 0.05, 0.2, 1.0, 5.0]);
     let mut text = format!("G21 G90 G17 G54 G64 P{tolerance}\nF200\n");
-    let mut place = [0.0_f64; 3];
+    let mut point = [0.0_f64; 3];
     let mut direction = [1.0, 0.0, 0.0];
     for _ in 0..5 + random.below(25) {
         let length = random.log(0.03, 40.0);
@@ -94,13 +94,13 @@ fn program(random: &mut Random) -> String {
                 direction = [flat * turn.cos(), flat * turn.sin(), lift];
             }
         }
-        let next: [f64; 3] = std::array::from_fn(|i| place[i] + length * direction[i]);
+        let next: [f64; 3] = std::array::from_fn(|i| point[i] + length * direction[i]);
         if next.iter().any(|x| x.abs() > 45.0) {
             direction = direction.map(|x| -x);
             continue;
         }
-        place = next;
-        let [x, y, z] = place;
+        point = next;
+        let [x, y, z] = point;
         if random.unit() < 0.45 {
             text.push_str(&format!("G0 X{x:.4} Y{y:.4} Z{z:.4}\n"));
         } else {

@@ -68,8 +68,8 @@ fn a_sudden_tight_tolerance_on_a_line_is_no_deviation() {
     let mut off = motion;
     off.setpoints
         .iter_mut()
-        .filter(|place| place[0] > 10.0)
-        .for_each(|place| place[1] = 1e-3);
+        .filter(|position| position[0] > 10.0)
+        .for_each(|position| position[1] = 1e-3);
     let (found, _) = self::found(program, &off);
     assert!(found.contains(&Kind::Deviation), "{found:?}");
 }
@@ -471,10 +471,10 @@ fn nine_axes_are_followed_together() {
     let mut off = motion;
     off.setpoints[500][3] += 0.03;
     let verdict = judge(program, &off, &machine);
-    let share = verdict.deviation_deg.value;
+    let deviation_deg = verdict.deviation_deg.value;
     // Moving on by du changes X by 10 du and A by 40 du: the greater of 0.03 - 40 du and 10 du is least at
     // 0.006.
-    assert!((share - 0.006).abs() < 1e-6, "{share}");
+    assert!((deviation_deg - 0.006).abs() < 1e-6, "{deviation_deg}");
 
     // The turn of A alone: faster than 3000 degrees a minute.
     let quick = stops
@@ -511,7 +511,7 @@ fn blocks_of_10_um_are_followed_at_full_speed() {
             .collect();
         assert_eq!(kinds, [], "{rate_hz} Hz: {verdict:#?}");
         assert!(verdict.deviation_mm.value < 1e-6, "{:?}", verdict.deviation_mm);
-        // The other way round it is not the program.
+        // In the opposite direction it is not the program.
         let back = Motion::new(rate_hz).turn([0, 1], [-radius, 0.0], -360.0, 0.0, 1.6);
         assert!(crate::common::kinds(&judge(&program, &back, &machine(XYZ))).contains(&Kind::Order));
     }
@@ -527,7 +527,7 @@ fn curvature_steps_are_judged_by_the_joint_time() {
         let mut motion = Motion::new(35_000.0);
         let arc = std::f64::consts::PI * 2.0;
         let whole = 40.0 + arc;
-        let place = |s: f64| {
+        let point = |s: f64| {
             if s <= 20.0 {
                 xyz(s, 0.0, 0.0)
             } else if s < 20.0 + arc {
@@ -537,21 +537,21 @@ fn curvature_steps_are_judged_by_the_joint_time() {
                 xyz(20.0 - (s - 20.0 - arc), 4.0, 0.0)
             }
         };
-        // Up to speed in half a second, constant, and down again; the way is the integral of the rising
-        // speed.
+        // Up to speed in half a second, constant, and down again; the distance is the integral of the
+        // rising speed.
         let up = 0.5;
         let cruise = (whole - speed * up) / speed;
         let rise = |x: f64| x.powi(5) * (7.0 + x * (-14.0 + x * (10.0 - 2.5 * x)));
-        let way = |t: f64| speed * (up * rise((t / up).clamp(0.0, 1.0)) + (t - up).max(0.0));
+        let distance = |t: f64| speed * (up * rise((t / up).clamp(0.0, 1.0)) + (t - up).max(0.0));
         let period_s = motion.period_ns as f64 * 1e-9;
         let count = ((up + cruise + up) / period_s) as usize;
         for i in 1..=count {
             let t = i as f64 * period_s;
             motion
                 .setpoints
-                .push(place(way(t) - way((t - up - cruise).max(0.0))));
+                .push(point(distance(t) - distance((t - up - cruise).max(0.0))));
         }
-        motion.setpoints.push(place(whole));
+        motion.setpoints.push(point(whole));
         let (kinds, verdict) = found(program, &motion);
         let step = speed * speed / 2.0 / (50_000.0 * (0.001 + 3.0 * period_s));
         assert!(
@@ -569,7 +569,7 @@ fn the_deviation_matches_an_exhaustive_search() {
     let mut random = Random::from_state(seed(0x5eed_0007) | 1);
     let mut unit = || random.unit();
     for case in 0..20 {
-        // Always to the right, so that the nearest point is on the way ahead.
+        // Always to the right, so that the nearest point is ahead on the path.
         let mut corners = vec![[0.0, 0.0]];
         let (mut x, mut y) = (0.0, 0.0);
         for _ in 0..60 {
@@ -589,21 +589,21 @@ fn the_deviation_matches_an_exhaustive_search() {
             y0 + (y1 - y0) * ((at - x0) / (x1 - x0)).clamp(0.0, 1.0)
         };
         let wave = 0.06 * unit();
-        let motion = Motion::new(1000.0).along(10.0, |share| {
-            let at = x * share;
+        let motion = Motion::new(1000.0).along(10.0, |fraction| {
+            let at = x * fraction;
             xyz(
                 at,
-                height(at) + wave * (40.0 * share).sin() * share * (1.0 - share),
+                height(at) + wave * (40.0 * fraction).sin() * fraction * (1.0 - fraction),
                 0.0,
             )
         });
         let nearest = |point: &evolvent_path::Axes| {
-            corners.windows(2).fold(f64::INFINITY, |least, pair| {
+            corners.windows(2).fold(f64::INFINITY, |min, pair| {
                 let along = [pair[1][0] - pair[0][0], pair[1][1] - pair[0][1]];
                 let to = [point[0] - pair[0][0], point[1] - pair[0][1]];
                 let square = along[0] * along[0] + along[1] * along[1];
-                let share = ((to[0] * along[0] + to[1] * along[1]) / square).clamp(0.0, 1.0);
-                least.min((to[0] - share * along[0]).hypot(to[1] - share * along[1]))
+                let fraction = ((to[0] * along[0] + to[1] * along[1]) / square).clamp(0.0, 1.0);
+                min.min((to[0] - fraction * along[0]).hypot(to[1] - fraction * along[1]))
             })
         };
         let expected = motion.setpoints.iter().map(nearest).fold(0.0, f64::max);

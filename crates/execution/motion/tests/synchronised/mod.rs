@@ -138,7 +138,7 @@ fn run(
     let direction = pass.turns_per_s.signum();
     let mut track = Track::new(spindle);
     let (mut all, mut result) = (Vec::<Setpoint>::new(), None);
-    let (mut sampled, mut allocations, mut actions, mut seen) = (0_u64, 0, 0, f64::NEG_INFINITY);
+    let (mut sampled, mut allocations, mut actions, mut max_angle) = (0_u64, 0, 0, f64::NEG_INFINITY);
     let mut pass_end = 0;
     let mut image = InputImage::default();
     while !motion.is_over() {
@@ -166,7 +166,7 @@ fn run(
                 continue;
             }
             let angle = direction * track.at(time_s);
-            seen = f64::max(seen, angle.abs());
+            max_angle = f64::max(max_angle, angle.abs());
             image.set_spindle(
                 0,
                 Some(SpindleState {

@@ -39,8 +39,8 @@ thread_local! {
     static COLUMNS: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
 }
 
-/// Runs a test with each way of holding cycles: one message per cycle, and columns.
-pub fn both_ways(test: impl Fn()) {
+/// Runs a test in both layouts of cycles: one message per cycle, and columns.
+pub fn in_both_layouts(test: impl Fn()) {
     for columns in [false, true] {
         println!("columns: {columns}");
         COLUMNS.set(columns);

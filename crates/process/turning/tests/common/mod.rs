@@ -170,7 +170,7 @@ pub fn random_stock(random: &mut Random) -> Blank {
 #[derive(Clone, Debug)]
 pub struct Limits {
     past: [[f64; 4]; 2],
-    seen: u32,
+    count: u32,
     limits: [[f64; 3]; 2],
     period_s: f64,
 }
@@ -180,14 +180,14 @@ impl Limits {
         let of = |l: &evolvent_turning::ScalarLimits| [l.velocity, l.acceleration, l.jerk];
         Self {
             past: [[0.0; 4]; 2],
-            seen: 0,
+            count: 0,
             limits: [of(&settings.along_limits), of(&settings.out_limits)],
             period_s: settings.period_s,
         }
     }
 
-    pub fn see(&mut self, output: &TurningOutput) {
-        self.seen += 1;
+    pub fn check(&mut self, output: &TurningOutput) {
+        self.count += 1;
         let t = self.period_s;
         for (axis, position) in [output.along.position, output.out.position]
             .into_iter()
@@ -196,7 +196,7 @@ impl Limits {
             let past = &mut self.past[axis];
             past.rotate_right(1);
             past[0] = position;
-            if self.seen < 4 {
+            if self.count < 4 {
                 continue;
             }
             let [p, q, r, s] = *past;

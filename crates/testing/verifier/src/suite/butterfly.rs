@@ -114,9 +114,9 @@ pub fn butterfly_point(t: f64) -> [f64; 2] {
         for j in (level..=3).rev() {
             let index = span - 3 + j;
             let (low, high) = (knot(index), knot(index + 4 - level));
-            let share = if high > low { (t - low) / (high - low) } else { 0.0 };
+            let fraction = if high > low { (t - low) / (high - low) } else { 0.0 };
             for k in 0..3 {
-                points[j][k] = points[j - 1][k] * (1.0 - share) + points[j][k] * share;
+                points[j][k] = points[j - 1][k] * (1.0 - fraction) + points[j][k] * fraction;
             }
         }
     }
@@ -127,14 +127,14 @@ pub fn butterfly_point(t: f64) -> [f64; 2] {
 /// Draws the curve in chords of equal parameter steps, at 12 000 mm/min, centred on the middle of the body.
 pub(crate) fn butterfly(pen: &mut Pen, chords: usize) {
     pen.say(&format!("the butterfly in {chords} chords"));
-    let place = |i: usize| {
+    let point = |i: usize| {
         let [x, y] = butterfly_point(i as f64 / chords as f64);
         [x - 54.493, y - 36.0, 0.0]
     };
-    pen.rapid(place(0));
+    pen.rapid(point(0));
     pen.feed(12_000.0);
     for i in 1..=chords {
-        pen.line(place(i));
+        pen.line(point(i));
     }
 }
 
@@ -148,9 +148,9 @@ mod tests {
             let inside = knot(index) <= t && t < knot(index + 1);
             return f64::from(u8::from(inside));
         }
-        let share = |from: f64, to: f64, value: f64| if to > from { value / (to - from) } else { 0.0 };
-        share(knot(index), knot(index + degree), t - knot(index)) * basis(index, degree - 1, t)
-            + share(
+        let ratio = |from: f64, to: f64, value: f64| if to > from { value / (to - from) } else { 0.0 };
+        ratio(knot(index), knot(index + degree), t - knot(index)) * basis(index, degree - 1, t)
+            + ratio(
                 knot(index + 1),
                 knot(index + degree + 1),
                 knot(index + degree + 1) - t,
@@ -163,10 +163,10 @@ mod tests {
             let t = f64::from(i) / 1000.0;
             let (mut x, mut y, mut w) = (0.0, 0.0, 0.0);
             for (index, point) in POINTS.iter().enumerate() {
-                let share = basis(index, 3, t) * weight(index);
-                x += share * point[0];
-                y += share * point[1];
-                w += share;
+                let fraction = basis(index, 3, t) * weight(index);
+                x += fraction * point[0];
+                y += fraction * point[1];
+                w += fraction;
             }
             let [met_x, met_y] = butterfly_point(t);
             assert!(

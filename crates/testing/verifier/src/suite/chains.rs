@@ -57,8 +57,8 @@ pub(crate) fn noise(pen: &mut Pen) {
         y += 0.001 * sin;
         z += 0.0002 * random.between(-1.0, 1.0);
         let mut off = || 0.0007 * random.between(-1.0, 1.0);
-        let place = [x + off(), y + off(), z + off()];
-        pen.line(place);
+        let point = [x + off(), y + off(), z + off()];
+        pen.line(point);
     }
     pen.by([2.0, 1.0, 0.0]);
 }

@@ -70,12 +70,12 @@ impl Motion {
     }
 
     /// Moves along a curve that is a function of the fraction of its length, in at least this many seconds.
-    pub(crate) fn along(mut self, seconds: f64, place: impl Fn(f64) -> Axes) -> Self {
+    pub(crate) fn along(mut self, seconds: f64, position: impl Fn(f64) -> Axes) -> Self {
         let count = (seconds * 1e9 / self.period_ns as f64).ceil() as usize;
         for i in 1..=count {
-            self.setpoints.push(place(smooth(i as f64 / count as f64)));
+            self.setpoints.push(position(smooth(i as f64 / count as f64)));
         }
-        self.at = place(1.0);
+        self.at = position(1.0);
         // The last setpoint is exact if the curve is.
         if let Some(last) = self.setpoints.last_mut() {
             *last = self.at;
@@ -102,11 +102,11 @@ impl Motion {
         let arm = [start[plane[0]] - centre[0], start[plane[1]] - centre[1]];
         self.along(seconds, |x| {
             let (sin, cos) = (degrees.to_radians() * x).sin_cos();
-            let mut place = start;
-            place[plane[0]] = centre[0] + cos * arm[0] - sin * arm[1];
-            place[plane[1]] = centre[1] + sin * arm[0] + cos * arm[1];
-            place[3 - plane[0] - plane[1]] += climb * x;
-            place
+            let mut point = start;
+            point[plane[0]] = centre[0] + cos * arm[0] - sin * arm[1];
+            point[plane[1]] = centre[1] + sin * arm[0] + cos * arm[1];
+            point[3 - plane[0] - plane[1]] += climb * x;
+            point
         })
     }
 
