@@ -14,7 +14,11 @@ const ESI: &str = r##"<?xml version="1.0" encoding="utf-8"?>
   <Vendor><Id>#x4556534D</Id><Name>Simulators</Name></Vendor>
   <Descriptions><Devices><Device Physics="YY">
     <Type ProductCode="#x402" RevisionNo="#x10000">SIM-DRIVE</Type>
-    <Name LcId="1033">Drive of the vendor</Name>
+    <Name LcId="1033">Drive</Name>
+    <Profile><ProfileNo>402</ProfileNo><Dictionary><Objects><Object>
+      <Index>#x607A</Index><Name>Target position</Name><Type>DINT</Type><BitSize>32</BitSize>
+      <Info><Unit>#x00B50000</Unit></Info>
+    </Object></Objects></Dictionary></Profile>
   </Device></Devices></Descriptions>
 </EtherCATInfo>
 "##;
@@ -60,7 +64,14 @@ fn a_scanned_network_starts_once_it_is_checked() {
             &with(&["--machine", &machine, "--write", &network, "--esi", &esi]),
             0,
         );
-        for part in ["Drive of the vendor", "0x4556534d", "607Ah", "6064h"] {
+        // The unit is the vendor's; the drive does not report it.
+        for part in [
+            "0x4556534d",
+            "607Ah",
+            "Target position, inc",
+            "6064h",
+            "none of the given files describes",
+        ] {
             assert!(listed.contains(part), "no {part} in {listed}");
         }
         assert!(note.contains("remove `unchecked`"), "{note}");
