@@ -400,7 +400,7 @@ impl AdaptiveFeed {
             // All round, before the revolution in which the load fell.
             let is_known = self.contact_s >= 2.0 * s.turn_s + SHOWN_LAGS * s.lag_s;
             if !is_known || at_idle > LIGHT * s.set_load {
-                let limit = self.recent.least_factor().min(s.factor_entry).min(s.factor_idle);
+                let limit = self.recent.min_factor().min(s.factor_entry).min(s.factor_idle);
                 let limit = limit.min(self.lost_limit.unwrap_or(1.0));
                 self.lost_limit = Some(limit.max(s.factor_min));
             }

@@ -3,13 +3,13 @@
 /// The smallest factor and the deepest cut of a stretch of time.
 #[derive(Clone, Copy, Debug)]
 struct Span {
-    least_factor: f64,
+    min_factor: f64,
     deepest: f64,
 }
 
 impl Span {
     const EMPTY: Self = Self {
-        least_factor: f64::INFINITY,
+        min_factor: f64::INFINITY,
         deepest: 0.0,
     };
 }
@@ -37,7 +37,7 @@ impl RecentCut {
     /// Adds a cycle of a cut: the factor of the feed, and the load at the programmed feed.
     pub(crate) fn add(&mut self, factor: f64, depth: f64, period_s: f64) {
         let present = &mut self.present;
-        present.least_factor = present.least_factor.min(factor);
+        present.min_factor = present.min_factor.min(factor);
         present.deepest = present.deepest.max(depth);
         self.age_s += period_s;
         if self.age_s >= self.span_s {
@@ -46,8 +46,8 @@ impl RecentCut {
     }
 
     /// The smallest factor; infinite without a cut.
-    pub(crate) fn least_factor(&self) -> f64 {
-        self.before.least_factor.min(self.present.least_factor)
+    pub(crate) fn min_factor(&self) -> f64 {
+        self.before.min_factor.min(self.present.min_factor)
     }
 
     /// The largest load at the programmed feed.
@@ -68,11 +68,11 @@ mod tests {
     #[test]
     fn extremes_last_for_one_to_two_spans() {
         let mut cut = RecentCut::new(1.0);
-        assert_eq!((cut.least_factor(), cut.deepest()), (f64::INFINITY, 0.0));
+        assert_eq!((cut.min_factor(), cut.deepest()), (f64::INFINITY, 0.0));
         cut.add(0.5, 7.0, 0.25);
         for k in 1..=8 {
             cut.add(0.9, 3.0, 0.25);
-            let known = (cut.least_factor(), cut.deepest());
+            let known = (cut.min_factor(), cut.deepest());
             // The span of the first cycle ends after three more, the next one four later.
             let expected = if k < 7 { (0.5, 7.0) } else { (0.9, 3.0) };
             assert_eq!(known, expected, "{k}");

@@ -348,6 +348,29 @@ fn random_open_contour(random: &mut Random) -> (String, f64, Vec<Vec<[f64; 2]>>)
     (text, radius, pieces)
 }
 
+/// The moves without the rapid, the approach, and the last one, which is not compensated.
+fn moves_beside(actions: &[Action]) -> Vec<Move> {
+    let steps = actions.iter().filter_map(|action| match action {
+        Action::Move(step) => Some(*step),
+        _ => None,
+    });
+    let mut steps: Vec<Move> = steps.skip(2).collect();
+    steps.pop();
+    steps
+}
+
+/// The minimum over points 0.1 mm apart on these moves.
+fn min_distance(steps: &[Move], distance: impl Fn([f64; 2]) -> f64) -> f64 {
+    let points = steps.iter().flat_map(|step| {
+        let length = step.curve.length();
+        let count = (length / 0.1).ceil().max(1.0) as u32;
+        (0..=count).map(move |k| step.curve.jet(length * f64::from(k) / f64::from(count)).position)
+    });
+    points
+        .map(|point| distance([point[0], point[1]]))
+        .fold(f64::INFINITY, f64::min)
+}
+
 #[test]
 fn a_second_lap_is_not_compared_with_the_first() {
     // A rectangle, then a second lap that cuts one of its corners: intended, with any tool.
@@ -371,29 +394,14 @@ fn random_open_contours_report_sampled_cuts() {
             refused += 1;
             continue;
         };
-        let steps: Vec<Move> = actions
-            .iter()
-            .filter_map(|action| match action {
-                Action::Move(step) => Some(*step),
-                _ => None,
-            })
-            .collect();
-        let told = actions.iter().any(|action| matches!(action, Action::Warning(_)));
+        let steps = moves_beside(&actions);
+        let warned = actions.iter().any(|action| matches!(action, Action::Warning(_)));
         let depth = |pieces: &[Vec<[f64; 2]>]| {
-            let mut least = f64::INFINITY;
-            // Without the rapid, the approach, and the last move, which is not compensated.
-            for step in &steps[2..steps.len() - 1] {
-                let count = (step.curve.length() / 0.1).ceil().max(1.0) as u32;
-                for k in 0..=count {
-                    let u = step.curve.length() * f64::from(k) / f64::from(count);
-                    let point = step.curve.jet(u).position;
-                    let near = pieces
-                        .iter()
-                        .map(|piece| distance_to(piece, [point[0], point[1]]));
-                    least = near.fold(least, f64::min);
-                }
-            }
-            radius - least
+            let distance = min_distance(&steps, |point| {
+                let distances = pieces.iter().map(|piece| distance_to(piece, point));
+                distances.fold(f64::INFINITY, f64::min)
+            });
+            radius - distance
         };
         // The last edge and the arcs before it may lead away as far as the program shows.
         let away = pieces
@@ -405,10 +413,10 @@ fn random_open_contours_report_sampled_cuts() {
         let there = pieces.iter().skip(1).take_while(|piece| piece.len() > 2).count();
         let sure = &pieces[1 + there..pieces.len() - 1 - away];
         if depth(sure) > 0.02 + 0.002 * radius {
-            assert!(told, "{} deep, and nothing is told of\n{program}", depth(sure));
+            assert!(warned, "{} deep without a warning\n{program}", depth(sure));
             cut += 1;
         } else if depth(&pieces[1..]) < 0.005 {
-            assert!(!told, "nothing is cut\n{program}");
+            assert!(!warned, "nothing is cut\n{program}");
             clean += 1;
         }
     }
@@ -428,32 +436,14 @@ fn random_closed_contours_report_sampled_cuts() {
             refused += 1;
             continue;
         };
-        let steps: Vec<Move> = actions
-            .iter()
-            .filter_map(|action| match action {
-                Action::Move(step) => Some(*step),
-                _ => None,
-            })
-            .collect();
-        let told = actions.iter().any(|action| matches!(action, Action::Warning(_)));
-        // Without the rapid, the first move and the last, which are not beside the contour.
-        let mut least = f64::INFINITY;
-        for step in &steps[2..steps.len() - 1] {
-            let count = (step.curve.length() / 0.1).ceil().max(1.0) as u32;
-            for k in 0..=count {
-                let point = step
-                    .curve
-                    .jet(step.curve.length() * f64::from(k) / f64::from(count))
-                    .position;
-                least = least.min(distance_to(&outline, [point[0], point[1]]));
-            }
-        }
-        let depth = radius - least;
+        let steps = moves_beside(&actions);
+        let warned = actions.iter().any(|action| matches!(action, Action::Warning(_)));
+        let depth = radius - min_distance(&steps, |point| distance_to(&outline, point));
         if depth > 0.02 + 0.002 * radius {
-            assert!(told, "{depth} deep, and nothing is told of\n{program}");
+            assert!(warned, "{depth} deep without a warning\n{program}");
             cut += 1;
         } else if depth < 0.005 {
-            assert!(!told, "nothing is cut\n{program}");
+            assert!(!warned, "nothing is cut\n{program}");
             clean += 1;
         }
     }

@@ -213,6 +213,27 @@ fn a_stop_cancelled_and_requested_again_stops() {
     }
 }
 
+fn soft_limits(acceleration: f64, jerk: f64) -> Limits {
+    Limits {
+        acceleration: Axes::repeat(acceleration),
+        jerk: Axes::repeat(jerk),
+        velocity: Axes::repeat(1e4),
+        ..limits()
+    }
+}
+
+/// As [`cruise`], with the preview of a machine with these limits.
+fn cruise_of(limits: &Limits, v: f64, seconds: f64) -> (PlanConsumer, PlanPreview) {
+    let (mut queue, _) = cruise(v, seconds);
+    let first = queue.step(0).and_then(|step| match step {
+        Step::TimedSegment(flow) => Some(flow),
+        _ => None,
+    });
+    let mut preview = PlanPreview::new(limits);
+    preview.begin(0, first.expect("a piece"), 0.0);
+    (queue, preview)
+}
+
 /// Counts the samples that a slowdown looks at.
 struct Counted<'a> {
     ahead: Ahead<'a>,
@@ -246,12 +267,7 @@ fn stops_are_short_and_cheap_at_any_ratio_of_jerk() {
         .flat_map(|a| [0.01, 0.04, 0.1, 0.3, 1.0, 3.0].map(|ratio_s| (a, ratio_s)))
     {
         let j = a / ratio_s;
-        let limits = Limits {
-            acceleration: Axes::repeat(a),
-            jerk: Axes::repeat(j),
-            velocity: Axes::repeat(1e4),
-            ..limits()
-        };
+        let limits = soft_limits(a, j);
         // The acceleration reaches its limit at the second of these.
         for v in [0.01, 0.1, 0.5, 1.0, 1.5].map(|part| part * a * ratio_s) {
             let least = if v > a * ratio_s {
@@ -259,13 +275,7 @@ fn stops_are_short_and_cheap_at_any_ratio_of_jerk() {
             } else {
                 2.0 * (v / j).sqrt()
             };
-            let (mut queue, _) = cruise(v, 2.0 * least + 0.1);
-            let mut preview = PlanPreview::new(&limits);
-            let first = queue.step(0).and_then(|step| match step {
-                Step::TimedSegment(flow) => Some(flow),
-                _ => None,
-            });
-            preview.begin(0, first.expect("a piece"), 0.0);
+            let (mut queue, mut preview) = cruise_of(&limits, v, 2.0 * least + 0.1);
             let mut slowdown = Slowdown::new(0.0);
             let (mut seconds, mut worst, mut peak) = (0.0, 0, 0);
             let mut recent = [0_u64; 64];
@@ -308,21 +318,10 @@ fn a_stop_requested_in_a_landing_is_short() {
         .flat_map(|a| [0.1, 0.5, 1.0].map(|ratio_s| (a, ratio_s)))
     {
         let j = a / ratio_s;
-        let limits = Limits {
-            acceleration: Axes::repeat(a),
-            jerk: Axes::repeat(j),
-            velocity: Axes::repeat(1e4),
-            ..limits()
-        };
+        let limits = soft_limits(a, j);
         for part in [0.02, 0.1, 0.3] {
             let v = a * ratio_s;
-            let (mut queue, _) = cruise(v, 6.0 * ratio_s);
-            let mut preview = PlanPreview::new(&limits);
-            let first = queue.step(0).and_then(|step| match step {
-                Step::TimedSegment(flow) => Some(flow),
-                _ => None,
-            });
-            preview.begin(0, first.expect("a piece"), 0.0);
+            let (mut queue, mut preview) = cruise_of(&limits, v, 6.0 * ratio_s);
             let mut slowdown = Slowdown::new(part);
             let (mut seconds, mut since) = (0.0, None);
             while !slowdown.is_at_rest() {
