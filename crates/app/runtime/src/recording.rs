@@ -31,6 +31,10 @@ const TURNING_STATES: u32 = 100;
 const LAST_NEWS: Duration = Duration::from_secs(10);
 /// Poll interval of an empty queue.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
+/// Sleep of the recorder when the queue is empty, in periods, and its maximum: a small part of what the queue
+/// holds, also with the virtual clock.
+const NAP_CYCLES: u64 = 4;
+const MAX_NAP: Duration = Duration::from_millis(4);
 
 /// Records one run.
 pub(crate) struct Recording {
@@ -145,6 +149,7 @@ impl Recording {
     /// Records until the cycle has ended and the queue is empty, then finishes the file with the data of
     /// [`Closing`].
     pub(crate) fn run(self, period_ns: u64) -> RecordReport {
+        let nap = Duration::from_nanos(period_ns.saturating_mul(NAP_CYCLES)).clamp(POLL_INTERVAL, MAX_NAP);
         let mut underway = RecordingUnderway {
             tracks: Tracks::new(&self.program, period_ns),
             recording: self,
@@ -162,7 +167,7 @@ impl Recording {
                 break;
             }
             if count == 0 {
-                std::thread::sleep(POLL_INTERVAL);
+                std::thread::sleep(nap);
             }
         }
         underway.finish()

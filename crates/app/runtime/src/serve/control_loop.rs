@@ -25,6 +25,9 @@ use crate::rt::MonotonicClock;
 /// bounds the latency of commands on an idle host: a hold takes effect within the lead and two cycles.
 pub(super) const CONTROL_EVERY: Duration = Duration::from_micros(500);
 const CONTROL_EVERY_AT_LEAST: Duration = Duration::from_micros(100);
+/// Poll interval while nothing moves and no job waits: no stop depends on it, and every wake-up of an idle
+/// machine takes time of a processor.
+const CONTROL_EVERY_IDLE: Duration = Duration::from_millis(1);
 /// Maximum number of requests answered in one pass, in addition to those that stop the machine.
 const MAX_REQUESTS: usize = 32;
 /// Maximum number of unanswered requests: more than all clients together may send.
@@ -128,7 +131,11 @@ impl ControlLoop {
             if is_over || ending.is_some_and(|since| since.elapsed() > END_TIMEOUT) {
                 return;
             }
-            thread::sleep(every);
+            thread::sleep(if self.operator.is_idle() {
+                CONTROL_EVERY_IDLE
+            } else {
+                every
+            });
         }
     }
 
