@@ -1,4 +1,4 @@
-//! The status of a run: the positions of the drives, if there are any.
+//! The status of a run: positions of the drives, if there are any, and the state of the program.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::time::{Duration, Instant};
@@ -6,7 +6,11 @@ use std::time::{Duration, Instant};
 use evolvent_bus::Status;
 use evolvent_tests::{Domain, Drives, Launch, Workshop, unless_disturbed, wait};
 
-/// Runs a program whose motion begins after 3 s, when drives follow, and returns the statuses in motion.
+/// One line in G55, whose motion begins after 3 s, when drives follow.
+const PROGRAM: &str = "G21 G90 G94\nG10 L2 P2 X10 Y-5 Z1\nG55\n(MSG, second system)\nG4 P3\n\
+                       G1 X60 Y-20 Z-5 F1800\nM2\n";
+
+/// Runs the program and returns the statuses in motion.
 fn statuses(name: &str, has_drives: bool) -> Vec<Status> {
     let (domain, workshop) = (Domain::new(), Workshop::new());
     let machine = workshop.mill(
@@ -14,7 +18,7 @@ fn statuses(name: &str, has_drives: bool) -> Vec<Status> {
         &[("feedback_timeout_ms = 20 ", "feedback_timeout_ms = 800 ")],
     );
     let _drives = has_drives.then(|| Drives::start(&machine, &domain, &[]));
-    let program = workshop.write("part.ngc", "G21 G90 G94\nG4 P3\nG1 X60 Y-20 Z-5 F1800\nM2\n");
+    let program = workshop.write("part.ngc", PROGRAM);
     let child = Launch::in_real_time(&program, &machine, &domain)
         .no_trace()
         .start();
@@ -53,4 +57,28 @@ fn a_run_shows_the_positions_of_its_drives() {
 fn a_run_without_drives_shows_no_feedback() {
     let moving = statuses("run-alone", false);
     assert!(!moving.is_empty() && moving.iter().all(|status| !status.has_feedback()));
+}
+
+#[test]
+fn a_run_shows_the_state_of_its_program() {
+    let seen = statuses("run-program", false);
+    assert!(!seen.is_empty());
+    let (zero, end) = ([10.0, -5.0, 1.0], [70.0, -25.0, -4.0]);
+    for status in &seen {
+        for axis in 0..3 {
+            let work = status.position_work[axis] + zero[axis] - status.position_machine[axis];
+            let rest = status.distance_to_go[axis] + status.position_machine[axis] - end[axis];
+            assert!(work.abs() < 1e-9 && rest.abs() < 1e-9, "axis {axis}: {status:?}");
+        }
+        assert_eq!((status.work_system, status.feed_programmed_mm_s), (550, 30.0));
+        assert_eq!(status.work_offset[..3], zero);
+        assert!(status.modal.contains(&550) && status.modal.contains(&210));
+        assert_eq!(status.operator_message(), "second system");
+    }
+    let to_go = |status: &Status| status.path_to_go_mm;
+    let (first, last) = (seen.first().map_or(0.0, to_go), seen.last().map_or(0.0, to_go));
+    assert!(
+        last < 5.0 && last < first && first < 75.0,
+        "{first} mm to go, then {last} mm"
+    );
 }

@@ -46,6 +46,7 @@
 //!
 //! [`examine`] assesses the host for real-time use.
 
+mod block_track;
 mod check;
 mod check_bounds;
 mod core_loop;

@@ -90,6 +90,7 @@ pub fn run_observed(
         let (to_bus, setpoints) = optional_ring(job.bus, length);
         let signals = SignalEnds::of_run(job, length);
         let (periphery, planned_periphery) = mpsc::channel();
+        let (onlooker, planned_blocks) = mpsc::channel();
         let mut threads = RunThreads {
             scope,
             job,
@@ -101,7 +102,9 @@ pub fn run_observed(
 
         // The bus is opened first: what fails should fail before anything is planned.
         let publisher = setpoints
-            .map(|setpoints| threads.start_publisher(setpoints, signals.port, planned_periphery))
+            .map(|setpoints| {
+                threads.start_publisher(setpoints, signals.port, planned_periphery, planned_blocks)
+            })
             .transpose()?;
         let (news, notices) = mpsc::channel();
         let mut listeners = vec![news];
@@ -130,6 +133,7 @@ pub fn run_observed(
             plan: plan_producer,
             scheduler: signals.scheduler,
             periphery: job.bus.then_some(periphery),
+            onlooker: job.bus.then_some(onlooker),
             listeners,
             with_blocks: recorder.is_some(),
             carrier: to_carrier,

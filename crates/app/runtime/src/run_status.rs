@@ -1,24 +1,27 @@
 //! The status of a run: one program, and no operator.
 
 use std::sync::Arc;
+use std::sync::mpsc::Receiver;
 
 use evolvent_bus::{EventKind, Feedback, Setpoint, Status};
 use evolvent_drive::FeedbackBounds;
+use evolvent_gcode::{Interpreter, Modal, SPINDLES};
 use evolvent_machine::SignalSettings;
 use evolvent_motion::MotionState;
 use evolvent_path::{Axes, AxisMask, angle_within_turn};
 
+use crate::block_track::BlockTrack;
 use crate::drive_report::DriveReport;
 use crate::drives::feedback_bounds;
 use crate::due_setpoint::DueSetpoint;
 use crate::job::Job;
+use crate::news::FeederEvent;
 use crate::periphery::Periphery;
 use crate::publishing::Publishing;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::spindle_command::shown_rpm;
-use crate::status_source::{StatusPort, StatusSource, event_of, show_feedback};
-use evolvent_gcode::SPINDLES;
+use crate::status_source::{StatusPort, StatusSource, event_of, show_feedback, show_modal};
 
 /// Numbers in [`evolvent_bus::MACHINE_STATES`] and [`evolvent_bus::ACTIVITIES`], and of the power, of a
 /// machine that runs a program.
@@ -31,6 +34,12 @@ pub(crate) struct RunStatus {
     status: Status,
     /// The last published setpoint.
     last: Setpoint,
+    /// The same as planned, once there is one.
+    planned: Option<evolvent_motion::Setpoint>,
+    /// The planner's reports, and the blocks ahead.
+    news: Receiver<FeederEvent>,
+    track: BlockTrack,
+    modal: Modal,
     state: MotionState,
     has_started: bool,
     controls: Arc<Controls>,
@@ -45,8 +54,8 @@ pub(crate) struct RunStatus {
 }
 
 impl RunStatus {
-    /// For this job, before its first setpoint.
-    pub(crate) fn new(job: &Job, publishing: &Publishing) -> Self {
+    /// For this job, before its first setpoint; `news` is what its planner reports.
+    pub(crate) fn new(job: &Job, publishing: &Publishing, news: Receiver<FeederEvent>) -> Self {
         let mut status = Status {
             machine_state: READY,
             activity: PROGRAM,
@@ -67,6 +76,10 @@ impl RunStatus {
                 override_ratio: controls.feed_override(),
                 ..Setpoint::default()
             },
+            planned: None,
+            news,
+            track: BlockTrack::default(),
+            modal: Interpreter::new(&b""[..], job.setup.interpreter_settings()).modal(),
             state: MotionState::Idle,
             has_started: false,
             controls,
@@ -115,6 +128,16 @@ impl StatusSource for RunStatus {
         self.shift = sent - due.setpoint.position;
         self.last.position = due.setpoint.position.into();
         self.last.velocity = due.setpoint.velocity.into();
+        self.planned = Some(due.setpoint);
+        // A block is reported before it is added to the plan.
+        self.track.receive(&self.news);
+        let status = &mut self.status;
+        let modal = self.track.reach(&due.setpoint, |notice| {
+            if notice.is_message {
+                status.set_message(&notice.text);
+            }
+        });
+        self.modal = modal.unwrap_or(self.modal);
         if is_switched {
             self.show(port.periphery);
         }
@@ -147,6 +170,10 @@ impl StatusSource for RunStatus {
         status.cycles = self.controls.progress().cycles;
         status.period_ns = self.last.period_ns;
         status.follow(&self.last);
+        show_modal(status, &self.modal, self.last.position.into());
+        if let Some(setpoint) = &self.planned {
+            self.track.show(status, port.periphery.unplanned(), setpoint);
+        }
         if let Some(feedback) = &self.feedback {
             show_feedback(status, feedback, status.time_ns);
             for (position, shift) in status.position_actual.iter_mut().zip(&self.shift) {
@@ -156,6 +183,7 @@ impl StatusSource for RunStatus {
         for axis in unlimited.axes() {
             for position in [
                 &mut status.position_machine[axis],
+                &mut status.position_work[axis],
                 &mut status.position_actual[axis],
             ] {
                 *position = angle_within_turn(*position);

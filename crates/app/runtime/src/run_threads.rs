@@ -77,6 +77,8 @@ pub(crate) struct PlannerEnds<W> {
     pub plan: PlanProducer<W>,
     pub scheduler: Option<Scheduler>,
     pub periphery: Option<Sender<(u32, Periphery)>>,
+    /// Receives every block, modes and program stops, for the status.
+    pub onlooker: Option<Sender<FeederEvent>>,
     pub listeners: Vec<Sender<FeederEvent>>,
     /// Whether a recorder receives blocks.
     pub with_blocks: bool,
@@ -115,6 +117,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         setpoints: Consumer<DueSetpoint>,
         signals: Option<SignalPort>,
         planned: Receiver<(u32, Periphery)>,
+        news: Receiver<FeederEvent>,
     ) -> Result<ScopedJoinHandle<'scope, PublishReport>, StartError> {
         let (job, setup) = (self.job, &self.job.setup);
         let (orders, periphery_orders) = mpsc::channel();
@@ -127,7 +130,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             Arc::clone(self.controls),
         );
         publishing.wait_for_subscribers = job.wait_for_subscribers;
-        let status = RunStatus::new(job, &publishing);
+        let status = RunStatus::new(job, &publishing, news);
         let publisher = Publisher {
             publishing,
             setpoints,
@@ -250,6 +253,9 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             .signalling_by(ends.scheduler)
             .periphery_to(ends.periphery)
             .unattended(job.is_realtime() && !job.stop_at_program_stops);
+            if let Some(onlooker) = ends.onlooker {
+                feeder = feeder.watched_by(onlooker);
+            }
             if let Some((codes, carrier)) = ends.carrier {
                 feeder = feeder.executing(codes).carried_out_by(carrier);
             }

@@ -2,8 +2,9 @@
 
 use evolvent_bus::{CoreBus, EventKind, Feedback, Status};
 use evolvent_drive::DriveState;
+use evolvent_gcode::Modal;
 use evolvent_motion::MotionState;
-use evolvent_path::AxisMask;
+use evolvent_path::{Axes, AxisMask};
 
 use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
@@ -48,6 +49,15 @@ pub(crate) fn show_feedback(status: &mut Status, feedback: &Feedback, now_ns: u6
         let state = DriveState::decode((feedback.status_word[axis] & 0xFFFF) as u16);
         status.enabled_mask |= AxisMask::one_if(axis, state == Some(DriveState::OperationEnabled)).bits();
     }
+}
+
+/// Writes the modes in force, and a position of the machine in work coordinates.
+pub(crate) fn show_modal(status: &mut Status, modal: &Modal, machine: Axes) {
+    status.work_system = modal.work_system;
+    status.work_offset = modal.work_offset.into();
+    status.tool_offset = modal.tool_offset.into();
+    status.modal = modal.codes;
+    status.position_work = modal.work_position(machine).into();
 }
 
 /// Publishes the status, and adds what the publisher itself knows.

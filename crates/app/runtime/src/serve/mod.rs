@@ -47,7 +47,6 @@ mod status_writer;
 #[cfg(test)]
 mod stop_trials;
 mod summary;
-mod track;
 mod turns;
 mod urgent;
 

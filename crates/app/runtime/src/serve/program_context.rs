@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::modes::Modes;
 use super::program_tally::ProgramTally;
-use super::track::Track;
+use crate::block_track::BlockTrack;
 use crate::switches::{SwitchState, Switches};
 
 /// Modes, switches and counts that continue from job to job.
@@ -17,7 +17,7 @@ pub(super) struct ProgramContext {
     /// Of the running job, or of the next one.
     pub(super) switches: Arc<Switches>,
     pub(super) tally: ProgramTally,
-    pub(super) track: Track,
+    pub(super) track: BlockTrack,
 }
 
 impl ProgramContext {
@@ -28,7 +28,7 @@ impl ProgramContext {
             numbers: (0, 0),
             switches: Arc::new(Switches::new(&SwitchState::default())),
             tally: ProgramTally::default(),
-            track: Track::default(),
+            track: BlockTrack::default(),
         }
     }
 }

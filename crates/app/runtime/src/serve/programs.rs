@@ -21,7 +21,7 @@ use super::orders::CycleCommand;
 use super::program_tally::ProgramTally;
 use super::recorded::job_number;
 use super::state_store::Saved;
-use super::track::Track;
+use crate::block_track::BlockTrack;
 use crate::job::Setup;
 use crate::job_start::ProgramStart;
 use crate::news::{ExternalEventKind, UserCall};
@@ -296,7 +296,7 @@ impl Operator {
             in_two_threads: false,
         })
         .map_err(|error| Rejection::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
-        self.program.track = Track::default();
+        self.program.track = BlockTrack::default();
         self.message.clear();
         self.stops.is_emergency = false;
         (self.stops.hold, self.stops.stopping) = (false, false);

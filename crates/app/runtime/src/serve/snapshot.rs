@@ -3,7 +3,7 @@
 use evolvent_bus::{EventKind, MAX_ALARMS, Status, switches};
 use evolvent_drive::PowerRequest;
 use evolvent_motion::{MotionState, flags};
-use evolvent_path::{AXES, Axes, AxisMask, angle_within_turn};
+use evolvent_path::{AxisMask, angle_within_turn};
 use evolvent_signals::ProbeState;
 use evolvent_trace::{Histogram, PhaseFigures, PhaseTally};
 
@@ -12,7 +12,7 @@ use super::orders::CycleView;
 use crate::periphery::Periphery;
 use crate::publish_report::PublishReport;
 use crate::spindle_command::shown_rpm;
-use crate::status_source::{event_of, show_feedback};
+use crate::status_source::{event_of, show_feedback, show_modal};
 
 const SECOND_NS: u64 = 1_000_000_000;
 
@@ -163,13 +163,9 @@ pub(crate) fn snapshot(
         axes_mask: operator.present().bits(),
         homed_mask: state.homed().bits(),
         tool: periphery.tool,
-        work_system: modal.work_system,
         setpoint_subscribers: published.1 as u32,
         position_machine: setpoint.position.into(),
-        position_work: modal.work_position(setpoint.position).into(),
         velocity: setpoint.velocity.into(),
-        work_offset: modal.work_offset.into(),
-        tool_offset: modal.tool_offset.into(),
         path_mm: setpoint.path_mm,
         feed_mm_s: setpoint.feed_mm_s,
         override_ratio: state.overrides()[0],
@@ -193,28 +189,17 @@ pub(crate) fn snapshot(
         coolant: periphery.coolant_bits(),
         tool_change,
         tool_wanted,
-        modal: modal.codes,
         home_offset: operator.drives.home_offset.into(),
         feedback_age_ns: u64::MAX,
         commands_accepted: state.counts().0,
         commands_rejected: state.counts().1 + operator.malformed(),
         ..Status::default()
     };
+    show_modal(&mut status, modal, setpoint.position);
     add_timing(&mut status, pulse);
-    if let Some(motion) = periphery.unplanned() {
-        status.distance_to_go = to_go(&motion.end, &setpoint.position);
-        status.feed_programmed_mm_s = motion.feed_mm_s;
-        status.path_to_go_mm = (operator.program.track.planned_mm() - setpoint.path_mm).max(0.0);
-    } else if let Some(speed) = operator.steered_speed() {
-        status.feed_programmed_mm_s = speed;
-    } else if let Some(block) = operator.program.track.block(setpoint) {
-        status.distance_to_go = to_go(&block.end, &setpoint.position);
-        status.feed_programmed_mm_s = if block.feed_mm_s.is_finite() {
-            block.feed_mm_s
-        } else {
-            0.0
-        };
-        status.path_to_go_mm = (operator.program.track.planned_mm() - setpoint.path_mm).max(0.0);
+    match (periphery.unplanned(), operator.steered_speed()) {
+        (None, Some(speed)) => status.feed_programmed_mm_s = speed,
+        (unplanned, _) => operator.program.track.show(&mut status, unplanned, setpoint),
     }
     if let Some(feedback) = &operator.drives.feedback {
         show_feedback(&mut status, feedback, now_ns);
@@ -259,10 +244,6 @@ fn show_within_turn(status: &mut Status, unlimited: AxisMask) {
             *position = angle_within_turn(*position);
         }
     }
-}
-
-fn to_go(end: &Axes, position: &Axes) -> [f64; AXES] {
-    (end - position).into()
 }
 
 fn quantile(histogram: &Histogram, percent: f64) -> u64 {

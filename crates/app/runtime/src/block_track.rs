@@ -3,15 +3,16 @@
 use std::collections::VecDeque;
 use std::sync::mpsc::Receiver;
 
+use evolvent_bus::Status;
 use evolvent_gcode::Modal;
 use evolvent_motion::{MotionState, Setpoint};
 
 use crate::news::{FeederEvent, Notice, QueuedBlock, StopKind, notices_due};
-use crate::periphery::Periphery;
+use crate::periphery::{Periphery, UnplannedMove};
 
 /// What is known of the blocks ahead.
 #[derive(Debug, Default)]
-pub(crate) struct Track {
+pub(crate) struct BlockTrack {
     blocks: VecDeque<QueuedBlock>,
     modals: VecDeque<(u32, Modal)>,
     stops: VecDeque<(u32, StopKind)>,
@@ -20,7 +21,7 @@ pub(crate) struct Track {
     planned_mm: f64,
 }
 
-impl Track {
+impl BlockTrack {
     /// Takes in the planner's reports.
     pub(crate) fn receive(&mut self, news: &Receiver<FeederEvent>) {
         for news in news.try_iter() {
@@ -89,7 +90,7 @@ impl Track {
     }
 
     /// The block in progress, with the feed of the present part of it.
-    pub(crate) fn block(&self, setpoint: &Setpoint) -> Option<QueuedBlock> {
+    fn block(&self, setpoint: &Setpoint) -> Option<QueuedBlock> {
         let first = self
             .blocks
             .front()
@@ -99,9 +100,18 @@ impl Track {
         Some(QueuedBlock { end, ..*first })
     }
 
-    /// Programmed length of everything planned so far, mm.
-    pub(crate) fn planned_mm(&self) -> f64 {
-        self.planned_mm
+    /// Writes the distances to the end of the block and of what is planned, and the programmed feed.
+    /// `unplanned` is the move that the cycle drives now without a plan.
+    pub(crate) fn show(&self, status: &mut Status, unplanned: Option<UnplannedMove>, setpoint: &Setpoint) {
+        let present = match unplanned {
+            Some(motion) => Some((motion.end, motion.feed_mm_s)),
+            None => self.block(setpoint).map(|block| (block.end, block.feed_mm_s)),
+        };
+        let (end, feed_mm_s) = present.unwrap_or((setpoint.position, 0.0));
+        status.distance_to_go = (end - setpoint.position).into();
+        // A rapid has no programmed feed.
+        status.feed_programmed_mm_s = if feed_mm_s.is_finite() { feed_mm_s } else { 0.0 };
+        status.path_to_go_mm = present.map_or(0.0, |_| (self.planned_mm - setpoint.path_mm).max(0.0));
     }
 
     /// The program stop at which the machine is with this setpoint, as the number of the action before it,
