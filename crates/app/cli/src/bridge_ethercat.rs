@@ -93,7 +93,7 @@ fn scan_wire(args: &EthercatArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         )));
     }
     let mut devices = scan(interface).map_err(|error| match error {
-        ScanError::Interface { .. } => usage(error.to_string()),
+        ScanError::Interface(_) => usage(error.to_string()),
         error => CommandError::Failed(error.to_string()),
     })?;
     library.complete(&mut devices);

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::net::IpAddr;
 use std::time::Duration;
 
-use evolvent_ethercat::{CardFinding, CardVerdict, RoundTrips, examine_card};
+use evolvent_ethercat::{CardFinding, CardVerdict, InterfaceError, RoundTrips, examine_card};
 use serde_json::{Value, json};
 
 use crate::CommandError;
@@ -58,11 +58,12 @@ pub(crate) fn run(
         None => {
             let (trips, devices) =
                 evolvent_ethercat::round_trips(interface, period, duration).map_err(|error| {
-                    CommandError::Usage(format!(
-                        "the network interface {interface} cannot be opened: {error}; raw sockets need \
-                         CAP_NET_RAW, and the interface must be up. for a Mesa board, give its address with \
-                         --board"
-                    ))
+                    CommandError::Usage(match error {
+                        InterfaceError::Closed { .. } => {
+                            format!("{error}. for a Mesa board, give its address with --board")
+                        }
+                        InterfaceError::InUse { .. } => error.to_string(),
+                    })
                 })?;
             (trips, Some(devices))
         }

@@ -82,4 +82,5 @@ pub use signal::{
     AnalogChannel, Channel, ChannelForm, NetworkInput, NetworkOutput, OutputFunction, OutputSource,
 };
 pub use sii::{Pdo, PdoEntry, SiiContents};
+pub use socket::InterfaceError;
 pub use zero_impulse::ProbeNumber;

@@ -1,11 +1,10 @@
 //! Round trips of EtherCAT frames: broadcast reads, which change nothing.
 
 use core::time::Duration;
-use std::io;
 
 use evolvent_bridge::{RoundTrips, measure_round_trips, monotonic_ns};
 
-use crate::socket::PacketSocket;
+use crate::socket::{InterfaceError, PacketSocket};
 
 /// Broadcast read.
 const BRD: u8 = 7;
@@ -26,12 +25,15 @@ fn frame(index: u8) -> [u8; 60] {
     frame
 }
 
-/// Sends a frame in each period for the given duration. Also returns the number of devices that replied. Not
-/// for use while a bridge runs on the interface.
+/// Sends a frame in each period for the given duration. Also returns the number of devices that replied.
 ///
 /// # Errors
-/// The interface cannot be opened.
-pub fn round_trips(interface: &str, period: Duration, duration: Duration) -> io::Result<(RoundTrips, u16)> {
+/// The interface cannot be opened, or another MainDevice uses it.
+pub fn round_trips(
+    interface: &str,
+    period: Duration,
+    duration: Duration,
+) -> Result<(RoundTrips, u16), InterfaceError> {
     let socket = PacketSocket::open(interface)?;
     let (mut index, mut buffer, mut found) = (0_u8, [0; 1600], 0_u16);
     let trips = measure_round_trips(period, duration, |until_ns| {
@@ -53,6 +55,10 @@ pub fn round_trips(interface: &str, period: Duration, duration: Duration) -> io:
             }
             socket.wait(until_ns - now_ns);
         }
+    })
+    .map_err(|source| InterfaceError::Closed {
+        interface: interface.to_owned(),
+        source,
     })?;
     Ok((trips, found))
 }

@@ -17,7 +17,7 @@ use crate::fault_text::fault_text_of;
 use crate::network::Network;
 use crate::scan::panic_text;
 use crate::session::{Counters, Ends, Notice, SessionError, run_session};
-use crate::socket::PacketSocket;
+use crate::socket::{InterfaceError, PacketSocket};
 use crate::spindle_drive::SpindleNotice;
 
 /// Settings of the bridge.
@@ -77,16 +77,8 @@ pub enum RunError {
         source: std::io::Error,
     },
     /// The interface cannot be opened.
-    #[error(
-        "the network interface {interface} cannot be opened: {source}; raw sockets need CAP_NET_RAW, and \
-         the interface must be up"
-    )]
-    Interface {
-        /// Its name.
-        interface: String,
-        /// The error of the system.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Interface(#[from] InterfaceError),
 }
 
 /// Runs until `stop` is set or the time is up. Waits for its core and its network, keeps running when either
@@ -123,9 +115,7 @@ pub fn run_measured(
     if let Some(wanted) = &settings.dump {
         dump::check(wanted).map_err(|source| dump_failed(wanted, source))?;
     }
-    let interface = settings.interface.clone();
-    let socket =
-        PacketSocket::open(&interface).map_err(|source| RunError::Interface { interface, source })?;
+    let socket = PacketSocket::open(&settings.interface)?;
     let (mut sender, writer) = match &settings.dump {
         None => (None, None),
         Some(wanted) => {

@@ -19,7 +19,7 @@ use crate::network::MAX_DEVICES;
 use crate::pump::Pump;
 use crate::session::{FIRST_STATION, REPLY};
 use crate::sii::{HEAD_BYTES, MAX_BYTES, Pdo, PdoEntry, SiiContents, bytes_wanted};
-use crate::socket::PacketSocket;
+use crate::socket::{InterfaceError, PacketSocket};
 
 const FRAMES: usize = 16;
 const FRAME_DATA: usize = PduStorage::element_size(1100);
@@ -34,16 +34,8 @@ const MAX_ENTRIES: u8 = 64;
 #[derive(Debug, Error)]
 pub enum ScanError {
     /// The interface cannot be opened.
-    #[error(
-        "the network interface {interface} cannot be opened: {source}; raw sockets need CAP_NET_RAW, and \
-         the interface must be up"
-    )]
-    Interface {
-        /// Its name.
-        interface: String,
-        /// The error of the system.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Interface(#[from] InterfaceError),
     /// No device replies.
     #[error("no device replies: check cable, interface and supply")]
     NoDevices,
@@ -79,17 +71,14 @@ pub(crate) fn panic_text(panic: &(dyn core::any::Any + Send)) -> String {
         .replace('\n', " ")
 }
 
-/// Examines every device on an interface. It takes devices out of their present state: never scan while a
-/// bridge runs.
+/// Examines every device on an interface. It takes devices out of their present state, so it is refused while
+/// another MainDevice uses the interface.
 ///
 /// # Errors
 /// The interface cannot be opened, no device replies, or the network does not come to PRE-OP. Data that one
 /// device does not report are listed in its problems.
 pub fn scan(interface: &str) -> Result<Vec<FoundDevice>, ScanError> {
-    let socket = PacketSocket::open(interface).map_err(|source| ScanError::Interface {
-        interface: interface.to_owned(),
-        source,
-    })?;
+    let socket = PacketSocket::open(interface)?;
     // ethercrab asserts on the replies of devices.
     std::panic::catch_unwind(AssertUnwindSafe(|| scan_socket(&socket))).unwrap_or_else(|panic| {
         Err(ScanError::Library {

@@ -4,12 +4,14 @@
 //!
 //! Needs the right to create a network namespace.
 
+use std::time::Duration;
+
 use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{
-    FitError, Network, ScanError, SiiContents, check_fit, network_text, scan, scan_text,
+    FitError, Network, ScanError, SiiContents, check_fit, network_text, round_trips, scan, scan_text,
 };
 use evolvent_ethercat_ring::{
-    DriveSettings, FaultKind, MAIN_INTERFACE, SubDevice, TerminalKind, monotonic_ns, on_bench,
+    DriveSettings, FaultKind, MAIN_INTERFACE, PacketSocket, SubDevice, TerminalKind, monotonic_ns, on_bench,
 };
 use evolvent_machine::Machine;
 use evolvent_path::AxisLetter;
@@ -26,6 +28,31 @@ fn devices() -> Vec<SubDevice> {
 
 fn letters(text: &str) -> Vec<AxisLetter> {
     text.chars().filter_map(AxisLetter::from_letter).collect()
+}
+
+/// A second MainDevice would take the devices of the first out of operation.
+#[test]
+fn an_interface_in_use_is_refused() {
+    on_bench(devices(), |ring| {
+        let other = PacketSocket::open(MAIN_INTERFACE).expect("another MainDevice");
+        let period = Duration::from_millis(1);
+        let refused = [
+            scan(MAIN_INTERFACE).expect_err("a scan").to_string(),
+            round_trips(MAIN_INTERFACE, period, period)
+                .expect_err("round trips")
+                .to_string(),
+        ];
+        let own = format!(
+            "is in use by another EtherCAT MainDevice (process {}",
+            std::process::id()
+        );
+        assert!(refused.iter().all(|why| why.contains(&own)), "{refused:?}");
+        assert_eq!(ring.lock().expect("the ring").frames(), 0);
+        drop(other);
+        let (trips, _) = round_trips(MAIN_INTERFACE, period, period).expect("an interface");
+        assert_eq!(trips.sent, 1);
+        assert_eq!(ring.lock().expect("the ring").frames(), 1);
+    });
 }
 
 #[test]
