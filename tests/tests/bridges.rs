@@ -53,14 +53,13 @@ fn the_simulated_bridge_does_what_every_bridge_must() {
     assert_eq!(cases.len(), 29, "each case once: {cases:?}");
 }
 
-/// The suite kills a bridge whose drives then come into fault.
-#[test]
-fn a_new_core_counter_resets_no_fault_of_sim_drives() {
+/// The simulated bridge with this option passes this case.
+fn sim_passes(case: &str, option: &str) {
     let program = evolvent().get_program().to_string_lossy().into_owned();
-    let command = "bridge sim --machine-name {name} --bus-prefix {prefix} --fault fault@0.3+0.05";
+    let command = format!("bridge sim --machine-name {{name}} --bus-prefix {{prefix}} {option}");
     unless_disturbed(|| {
         let output = evolvent()
-            .args(["bridge", "test", "--json", "--only", OF_FAULTS, "--"])
+            .args(["bridge", "test", "--json", "--only", case, "--"])
             .arg(&program)
             .args(command.split(' '))
             .output()
@@ -69,6 +68,18 @@ fn a_new_core_counter_resets_no_fault_of_sim_drives() {
         let cases = report["cases"].as_array().expect("cases");
         assert_eq!(passed(cases), 1, "{report}");
     });
+}
+
+/// The suite kills a bridge whose drives then come into fault.
+#[test]
+fn a_new_core_counter_resets_no_fault_of_sim_drives() {
+    sim_passes(OF_FAULTS, "--fault fault@0.3+0.05");
+}
+
+/// The axes of real machines begin anywhere.
+#[test]
+fn a_core_is_killed_while_axes_are_far_from_zero() {
+    sim_passes("core_kill", "--reference-offset 31");
 }
 
 #[test]

@@ -1,6 +1,6 @@
-//! Hardware that fails during a motion: the simulators of the EtherCAT ring and of the Mesa board are killed
-//! while a served machine moves. The core reports a fault in time, stops the axes without power, and works
-//! again after the hardware has returned and power was requested again.
+//! Hardware and bridges that fail during a motion: the simulators of the EtherCAT ring and of the Mesa board,
+//! and then their bridges, are killed while a served machine moves. The core reports a fault in time, stops
+//! the axes without power, and works again after they have returned and power was requested again.
 //!
 //! The EtherCAT ring needs the right to create a network namespace.
 #![expect(
@@ -54,27 +54,12 @@ fn recovers(operator: &mut Operator) {
     panic!("no power: {}", operator.now().alarm_sentence());
 }
 
-/// Serves the machine, moves X, and kills the hardware meanwhile.
-fn is_killed(
-    name: &str,
-    machine: &Path,
-    bridge: &[String],
-    workshop: &Workshop,
-    start: &dyn Fn() -> Simulator,
-) {
-    let domain = Domain::new();
-    let simulator = start();
-    let served = Served::start(machine, name, &domain, &workshop.path("state"), &[]);
-    let hardware = HardwareBridge::start(bridge, machine, &domain);
-    let mut operator = Operator::join(name, &domain);
-    operator.waits("drives", |status| status.feedback_age_ns < 100_000_000);
-    operator.brings_up();
-    let homed = operator.homes();
-    assert_eq!(homed.job_result, DONE, "{}", homed.alarm_sentence());
+/// Moves X, and kills something meanwhile that the drives need.
+fn stops(name: &str, operator: &mut Operator, kill: impl FnOnce()) {
     operator.says_number("MODE", 2);
     let job = operator.says_text("MDI", "G91 G1 X60 F1200").job;
     operator.waits("motion", |status| status.velocity[0] > 15.0);
-    simulator.kill();
+    kill();
     let killed = Instant::now();
     let status = operator.waits("the alarm", |status| status.alarm_count > 0);
     let after = killed.elapsed();
@@ -96,8 +81,10 @@ fn is_killed(
         918,
         "the alarm stays until it is cleared"
     );
-    // Nothing switches on by itself when the hardware returns.
-    let simulator = start();
+}
+
+/// Nothing switches on by itself when the drives return; after a reset the machine is homed and moves.
+fn works_again(operator: &mut Operator) {
     operator.waits("drives again", |status| status.feedback_age_ns < 100_000_000);
     std::thread::sleep(Duration::from_millis(500));
     let returned = operator.now();
@@ -107,7 +94,7 @@ fn is_killed(
         "{}",
         returned.alarm_sentence()
     );
-    recovers(&mut operator);
+    recovers(operator);
     // It counts from another zero, and is homed again.
     let homed = operator.homes();
     assert_eq!(homed.job_result, DONE, "{}", homed.alarm_sentence());
@@ -118,6 +105,31 @@ fn is_killed(
     assert_eq!(ended.job_result, DONE, "{}", ended.alarm_sentence());
     let moved = operator.now().position_actual[0] - before;
     assert!((moved - 5.0).abs() < 0.05, "{moved} mm");
+}
+
+/// Serves the machine, and kills the hardware and then the bridge while X moves.
+fn are_killed(
+    name: &str,
+    machine: &Path,
+    bridge: &[String],
+    workshop: &Workshop,
+    start: &dyn Fn() -> Simulator,
+) {
+    let domain = Domain::new();
+    let simulator = start();
+    let served = Served::start(machine, name, &domain, &workshop.path("state"), &[]);
+    let hardware = HardwareBridge::start(bridge, machine, &domain);
+    let mut operator = Operator::join(name, &domain);
+    operator.waits("drives", |status| status.feedback_age_ns < 100_000_000);
+    operator.brings_up();
+    let homed = operator.homes();
+    assert_eq!(homed.job_result, DONE, "{}", homed.alarm_sentence());
+    stops(name, &mut operator, || simulator.kill());
+    let simulator = start();
+    works_again(&mut operator);
+    stops(name, &mut operator, || drop(hardware));
+    let hardware = HardwareBridge::start(bridge, machine, &domain);
+    works_again(&mut operator);
     operator.says("OFF");
     operator.waits("off", |status| status.machine_state != 2);
     drop(operator);
@@ -126,7 +138,7 @@ fn is_killed(
 }
 
 #[test]
-fn a_killed_ring_stops_the_machine_and_works_again() {
+fn a_killed_ring_or_bridge_stops_the_machine() {
     unless_disturbed(|| {
         // No other device is at the other end of the cable.
         on_bench(Vec::new(), |_ring| {
@@ -145,7 +157,7 @@ fn a_killed_ring_stops_the_machine_and_works_again() {
             let network = workshop.write("network.toml", changed("networks/sim-mill.toml", &lost));
             let network = network.display().to_string();
             let bridge = ["ethercat", "--network", &network, "--interface", MAIN_INTERFACE];
-            is_killed(name, &machine, &bridge.map(str::to_owned), &workshop, &|| {
+            are_killed(name, &machine, &bridge.map(str::to_owned), &workshop, &|| {
                 Simulator::start(
                     "ethercat-ring",
                     &[
@@ -169,7 +181,7 @@ fn a_killed_ring_stops_the_machine_and_works_again() {
 }
 
 #[test]
-fn a_killed_board_stops_the_machine_and_works_again() {
+fn a_killed_board_or_bridge_stops_the_machine() {
     unless_disturbed(|| {
         let process = std::process::id();
         let address = format!("127.29.{}.{}", process >> 8 & 255, process & 255);
@@ -196,7 +208,7 @@ fn a_killed_board_stops_the_machine_and_works_again() {
         );
         let board = workshop.write("board.toml", text).display().to_string();
         let bridge = ["mesa", "--board", &board, "--address", &address].map(str::to_owned);
-        is_killed("router-3axis", &machine, &bridge, &workshop, &|| {
+        are_killed("router-3axis", &machine, &bridge, &workshop, &|| {
             Simulator::start("mesa-board", &["--address", &address, "--model", "7i96s"])
         });
     });

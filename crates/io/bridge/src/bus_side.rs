@@ -96,7 +96,14 @@ impl<H: Hardware> BusSide<'_, H> {
                     false
                 }
             };
-            if is_broken || ports.is_some() && monotonic_ns().saturating_sub(heard_ns) > RECONNECT_NS {
+            let is_silent = monotonic_ns().saturating_sub(heard_ns) > RECONNECT_NS;
+            if ports.is_some() && (is_broken || is_silent) {
+                let why = if is_broken {
+                    "its connection ended"
+                } else {
+                    "no setpoints for 1 s"
+                };
+                tell(&format!("core lost: {why}"));
                 ports = None;
             }
             while let Ok(notice) = notices.pop() {

@@ -77,6 +77,10 @@ fn ethercat_bridge(machine: Machine, network: String) -> ThreadBridge {
     })
 }
 
+/// Its drives come into fault if the bridge is killed, for which it must be a process:
+/// `the_ethercat_bridge_and_its_core_may_be_killed` of the tests across crates.
+const LEFT_OUT: &[&str] = &["new_core_reset"];
+
 fn suite(cases: Range<usize>) {
     unless_disturbed(|| {
         let cases = cases.clone();
@@ -87,7 +91,7 @@ fn suite(cases: Range<usize>) {
             // Both halves may run at the same time.
             let prefix = format!("ecbt{}_{}", std::process::id(), cases.start);
             let mut bridge = ethercat_bridge(machine.expect("a machine"), format!("{NETWORK}{SIGNALS}"));
-            let failures = failed_cases(&mut bridge, &prefix, &CASES[cases]);
+            let failures = failed_cases(&mut bridge, &prefix, &CASES[cases], LEFT_OUT);
             assert!(failures.is_empty(), "{failures:#?}");
         });
     });

@@ -383,13 +383,21 @@ fn restart(stage: &mut Stage<'_>, by_kill: bool) -> Judged {
     follows(&mut core)
 }
 
+/// The position of the first axis before the first core of a case.
+fn first_position(stage: &Stage<'_>) -> Result<f64, CaseError> {
+    let mut core = stage.open_core()?;
+    core.until("feedback to the first core", LATEST_S, |_| true)?;
+    let position = core.feedback().map(|feedback| feedback.position[0]);
+    position.ok_or_else(|| CaseError::new("no feedback"))
+}
+
 pub(crate) fn core_kill(stage: &mut Stage<'_>) -> Judged {
     let program = stage
         .core_program
         .clone()
         .ok_or_else(|| CaseError::new("no program that runs the core"))?;
     stage.start_bridge()?;
-    let mut before = 0.0;
+    let mut before = first_position(stage)?;
     for _ in 0..stage.moments {
         let mut process = CoreProcess::start(&program, &stage.machine_name, &stage.prefix)?;
         let seconds = stage.between(0.3, 1.8);

@@ -124,6 +124,32 @@ fn parse_limits(text: &str) -> Result<[f64; 2], String> {
         .ok_or_else(|| format!("`{text}` are no limits: expected LOW:HIGH, for example -90:10"))
 }
 
+/// Wires and faults of devices that do not exist, or cannot have them, would do nothing.
+fn check_positions(kinds: &[Kind], arguments: &Arguments) -> Result<(), String> {
+    for &(from, to) in &arguments.wires {
+        let pair = (kinds.get(from), kinds.get(to));
+        let is_possible = matches!(
+            pair,
+            (Some(Kind::DigitalOut), Some(Kind::DigitalIn)) | (Some(Kind::AnalogOut), Some(Kind::AnalogIn))
+        );
+        if !is_possible {
+            return Err(format!(
+                "--wire {from}:{to} does not lead from outputs to inputs of the same kind: the {} devices are \
+                 numbered from 0 in the order of --device",
+                kinds.len()
+            ));
+        }
+    }
+    match arguments.faults.iter().find(|fault| fault.device >= kinds.len()) {
+        Some(fault) => Err(format!(
+            "--fault has device {}, but there are {} devices, numbered from 0 in the order of --device",
+            fault.device,
+            kinds.len()
+        )),
+        None => Ok(()),
+    }
+}
+
 fn main() -> ExitCode {
     match serve(&Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
@@ -141,6 +167,7 @@ fn serve(arguments: &Arguments) -> std::io::Result<()> {
     } else {
         arguments.devices.as_slice()
     };
+    check_positions(kinds, arguments).map_err(std::io::Error::other)?;
     let devices: Vec<SubDevice> = kinds
         .iter()
         .enumerate()
