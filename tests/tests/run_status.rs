@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use evolvent_bus::Status;
-use evolvent_tests::{Domain, Drives, Launch, Workshop, unless_disturbed, wait};
+use evolvent_tests::{Domain, Drives, Launch, Workshop, evolvent, unless_disturbed, wait};
 
 /// One line in G55, whose motion begins after 3 s, when drives follow.
 const PROGRAM: &str = "G21 G90 G94\nG10 L2 P2 X10 Y-5 Z1\nG55\n(MSG, second system)\nG4 P3\n\
@@ -81,4 +81,30 @@ fn a_run_shows_the_state_of_its_program() {
         last < 5.0 && last < first && first < 75.0,
         "{first} mm to go, then {last} mm"
     );
+}
+
+/// Late setpoints count for the exit code only where somebody else reads them.
+#[test]
+fn the_own_screen_of_a_run_is_no_listener() {
+    let (domain, workshop) = (Domain::new(), Workshop::new());
+    let machine = workshop.mill("run-screen", &[]);
+    let program = workshop.write("dwell.ngc", "G4 P2\nM2\n");
+    let output = evolvent()
+        .args([
+            "run",
+            "--no-trace",
+            "--json",
+            "--screen=127.0.0.1:0",
+            "--wait-for-clients",
+            "1",
+        ])
+        .args(["--bus-prefix", &domain.prefix, "--machine"])
+        .args([&machine, &program])
+        .output()
+        .expect("the binary to start");
+    let (json, log) = (&output.stdout, String::from_utf8_lossy(&output.stderr));
+    let summary: serde_json::Value = serde_json::from_slice(json).expect("JSON");
+    assert_eq!(summary["listeners"], 0, "{summary}");
+    assert!(log.contains("0 of 1 subscribers connected"), "{log}");
+    assert_eq!(output.status.code(), Some(0), "{log}");
 }

@@ -104,8 +104,9 @@ fn give_up_after(limit: Duration) -> Arc<AtomicBool> {
             let _unread = writeln!(
                 std::io::stderr(),
                 "error: the bus does not open within {:.0} s, so the command was not sent: use the hardware \
-                 stop. Another \
-                 process hangs while it opens, or files of the bus are damaged: stop the core and remove {}",
+                 stop. This computer is too busy, another process hangs while it opens the bus, or files of \
+                 the bus are damaged. Try again; if no client can connect any more, end every core of this \
+                 user and remove {}",
                 limit.as_secs_f64(),
                 folders.join(" and ")
             );

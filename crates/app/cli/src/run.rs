@@ -124,6 +124,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         bus: !args.no_bus,
         bus_prefix: args.bus_prefix.clone(),
         wait_for_subscribers: args.wait_for_clients,
+        own_subscribers: usize::from(args.browser.is_wanted()),
         inputs,
         optional_stop: args.optional_stop,
         stop_at_program_stops,

@@ -324,6 +324,9 @@ pub struct Job {
     pub bus_prefix: Option<String>,
     /// Number of setpoint subscribers to wait for before the start, for at most 10 s.
     pub wait_for_subscribers: usize,
+    /// Number of setpoint subscribers of this process itself, such as the screen: they are neither waited for
+    /// nor counted as listeners.
+    pub own_subscribers: usize,
     /// Inputs over the course of a run with the virtual clock; if `None`, all are unknown except a closed
     /// emergency-stop chain.
     pub inputs: Option<InputScript>,
@@ -346,6 +349,7 @@ impl Job {
             bus: false,
             bus_prefix: None,
             wait_for_subscribers: 0,
+            own_subscribers: 0,
             inputs: None,
             optional_stop: false,
             stop_at_program_stops: false,

@@ -1,6 +1,5 @@
 //! Counts of the publisher.
 
-use evolvent_bus::CoreBus;
 use evolvent_drive::{InputFault, SpindleFault};
 
 /// Counts of the publisher.
@@ -37,8 +36,8 @@ impl PublishReport {
         .flatten()
     }
 
-    /// Counts the readers of setpoints that are connected now.
-    pub(crate) fn observe_listeners(&mut self, bus: &CoreBus) {
-        self.listeners = self.listeners.max(bus.setpoint_subscribers());
+    /// Notes the number of readers of setpoints that are connected now.
+    pub(crate) fn observe_listeners(&mut self, connected: usize) {
+        self.listeners = self.listeners.max(connected);
     }
 }

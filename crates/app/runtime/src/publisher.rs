@@ -91,7 +91,7 @@ impl<S: StatusSource> Publisher<S> {
             }
         };
         let subscribers = publishing.await_subscribers(&bus);
-        report.observe_listeners(&bus);
+        report.observe_listeners(publishing.listeners(&bus));
         let _gone = ready.send(Ok(subscribers));
         let nap_ns =
             (wake_interval_ns(publishing.config.period_ns, publishing.lead_cycles) / 2).min(LONGEST_SLEEP_NS);
@@ -108,7 +108,7 @@ impl<S: StatusSource> Publisher<S> {
             if now_ns >= next_refresh_ns || is_over {
                 next_refresh_ns = now_ns + REFRESH_EVERY_NS;
                 bus.admit_readers();
-                report.observe_listeners(&bus);
+                report.observe_listeners(self.publishing.listeners(&bus));
                 if let Some(signals) = &mut self.signals {
                     // A new reader, and one that lost a message, needs the present outputs.
                     signals.send(&mut bus);

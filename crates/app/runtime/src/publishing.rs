@@ -23,6 +23,8 @@ pub(crate) struct Publishing {
     pub increments: Axes,
     pub axes_mask: u32,
     pub wait_for_subscribers: usize,
+    /// Subscribers of this process itself.
+    pub own_subscribers: usize,
     pub controls: Arc<Controls>,
 }
 
@@ -44,6 +46,7 @@ impl Publishing {
                 .collect::<AxisMask>()
                 .bits(),
             wait_for_subscribers: 0,
+            own_subscribers: 0,
             controls,
         }
     }
@@ -81,11 +84,22 @@ impl Publishing {
         }
     }
 
-    /// Waits for the requested number of subscribers, or until a stop.
+    /// Number of connected subscribers of other processes.
+    pub(crate) fn listeners(&self, bus: &CoreBus) -> usize {
+        bus.setpoint_subscribers().saturating_sub(self.own_subscribers)
+    }
+
+    /// Waits for the requested number of subscribers of other processes, or until a stop. Returns their
+    /// number.
     pub(crate) fn await_subscribers(&self, bus: &CoreBus) -> usize {
+        let wanted = match self.wait_for_subscribers {
+            0 => 0,
+            others => others + self.own_subscribers,
+        };
         let deadline = Instant::now() + SUBSCRIBER_TIMEOUT;
         loop {
-            let found = bus.wait_for_setpoint_subscribers(self.wait_for_subscribers, SUBSCRIBER_POLL);
+            let found = (bus.wait_for_setpoint_subscribers(wanted, SUBSCRIBER_POLL))
+                .saturating_sub(self.own_subscribers);
             let enough = found >= self.wait_for_subscribers;
             if enough || self.controls.is_stopping() || Instant::now() >= deadline {
                 return found;

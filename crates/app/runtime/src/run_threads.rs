@@ -130,6 +130,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             Arc::clone(self.controls),
         );
         publishing.wait_for_subscribers = job.wait_for_subscribers;
+        publishing.own_subscribers = job.own_subscribers;
         let status = RunStatus::new(job, &publishing, news);
         let publisher = Publisher {
             publishing,

@@ -160,6 +160,7 @@ impl TurningTrial {
             bus: route.bus,
             bus_prefix: route.bus_prefix.map(str::to_owned),
             wait_for_subscribers: 0,
+            own_subscribers: 0,
             inputs: None,
             optional_stop: false,
             stop_at_program_stops: false,
