@@ -141,10 +141,16 @@ impl Ini {
             advice: advice.to_owned(),
         };
         if name.is_empty() {
-            return Err(fault(
-                "#INCLUDE names no file".to_owned(),
-                "write its name after it",
-            ));
+            // LinuxCNC reports it and reads on.
+            report.dropped.push(Dropped {
+                file: path.display().to_string(),
+                line,
+                section: section.clone(),
+                key: "#INCLUDE".to_owned(),
+                value: String::new(),
+                reason: "it names no file".to_owned(),
+            });
+            return Ok(());
         }
         if open.contains(&file) || open.len() >= MAX_DEPTH {
             let what = format!("#INCLUDE {name}: the includes form a cycle");
@@ -334,6 +340,9 @@ mod tests {
         let entry = ini.first("A", "K").unwrap();
         assert!(entry.file.ends_with("b.inc") && entry.line == 2);
         assert!(ini.first("C", "L").is_some());
+        let (mut ini, report) = read(&[("m.ini", "[A]\n#INCLUDE\nL = 1\n")]).unwrap();
+        assert_eq!((report.dropped.len(), report.dropped[0].line), (1, 2));
+        assert!(ini.first("A", "L").is_some());
         let error = read(&[("m.ini", "#INCLUDE m.ini\n")]).unwrap_err().to_string();
         assert!(
             error.contains("m.ini:1: #INCLUDE m.ini: the includes form a cycle"),

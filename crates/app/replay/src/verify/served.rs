@@ -250,11 +250,14 @@ impl Served<'_> {
 
     fn give_up(&mut self, job: u32, why: &str) {
         self.lost = true;
+        self.reason(format!("job {job} was not recomputed: {why}"));
+    }
+
+    /// Notes why something was not verified; of many reasons the first.
+    fn reason(&mut self, text: String) {
         self.reasons += 1;
         if self.reasons <= MAX_REASONS {
-            self.verified
-                .notes
-                .push(format!("job {job} was not recomputed: {why}"));
+            self.verified.notes.push(text);
         }
     }
 
@@ -308,7 +311,13 @@ impl Served<'_> {
                         switched: &begun.switched,
                         commands: 0,
                     };
-                    Route::of(commands, start, &self.setup.machine).ok()
+                    let route = Route::of(commands, start, &self.setup.machine);
+                    route
+                        .map_err(|error| {
+                            let text = format!("the path of job {job} was not checked: {error}");
+                            self.reason(text);
+                        })
+                        .ok()
                 }
             }
         };
@@ -505,13 +514,9 @@ impl Served<'_> {
 
     fn give_up_at(&mut self, cycle: u64) {
         self.lost = true;
-        self.reasons += 1;
-        if self.reasons <= MAX_REASONS {
-            self.verified.notes.push(format!(
-                "from cycle {cycle} on what moved the axes is unknown: the start of the job is not in the \
-                 trace"
-            ));
-        }
+        self.reason(format!(
+            "from cycle {cycle} on what moved the axes is unknown: the start of the job is not in the trace"
+        ));
     }
 }
 
