@@ -145,7 +145,7 @@ fn to_json(file_name: &str, found: &Checked, chatter: Option<&ChatterWarnings>) 
 /// The reason why a part of the program was not checked, with line and file of the loop that caused it.
 pub(crate) fn unchecked_json(bound: &CheckBound) -> serde_json::Value {
     let (file, line) = match bound {
-        CheckBound::Loop { place, .. } => (place.file.as_deref(), Some(place.line)),
+        CheckBound::Loop { start, .. } => (start.file.as_deref(), Some(start.line)),
         CheckBound::Line { line, .. } => (None, Some(*line)),
         CheckBound::Errors | CheckBound::Commands { .. } | CheckBound::Cancelled => (None, None),
     };

@@ -4,7 +4,7 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-use evolvent_gcode::{KeptParameters, Outputs, ToolTable};
+use evolvent_gcode::{Outputs, PersistentParameters, ToolTable};
 use evolvent_machine::{Machine, PlannerKind, ToolChange, WithoutToolTable};
 use evolvent_path::AxisMask;
 use evolvent_runtime::{ProgramMemory, Setup, TABLES};
@@ -161,7 +161,7 @@ impl Opened {
         }
         if let Some(bytes) = self.trace.attachment("parameters.var")? {
             let text = String::from_utf8_lossy(&bytes);
-            memory.kept = Some(KeptParameters::parse(&text).map_err(|error| wrong(error.to_string()))?);
+            memory.kept = Some(PersistentParameters::parse(&text).map_err(|error| wrong(error.to_string()))?);
         }
         let process = match self.run.extra.get("process") {
             Some(text) => {
@@ -197,7 +197,7 @@ impl Opened {
             log_folder: None,
             outputs: Outputs::default(),
             is_mdi: false,
-            restored: evolvent_gcode::Restored::default(),
+            restored: evolvent_gcode::MdiPreamble::default(),
             block_delete: self
                 .run
                 .extra

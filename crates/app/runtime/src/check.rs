@@ -95,7 +95,7 @@ pub(crate) fn check_while(
         let step = match command {
             Ok(command) => {
                 check.assumed = interpreter.assumed_axes();
-                check.doubtful = interpreter.doubtful_axes();
+                check.uncertain = interpreter.uncertain_axes();
                 check.warn_of_feed(&command, interpreter.feed_per_minute());
                 check.command(&command, &mut go_on)
             }
@@ -160,7 +160,7 @@ struct ProgramCheck<'a> {
     /// Axes whose position depends on a probe contact that is only assumed.
     assumed: [bool; AXES],
     /// Axes whose position depends on lines with errors, which have no effect here.
-    doubtful: [bool; AXES],
+    uncertain: [bool; AXES],
     /// Axes that are not homed and have not moved yet: their position is unknown.
     anywhere: AxisMask,
     /// A move beyond the travel was rejected.
@@ -191,7 +191,7 @@ impl<'a> ProgramCheck<'a> {
             reported: BTreeSet::new(),
             warned: BTreeSet::new(),
             assumed: [false; AXES],
-            doubtful: [false; AXES],
+            uncertain: [false; AXES],
             anywhere: setup.unhomed,
             has_strayed: false,
             strayed_openly: false,
@@ -253,7 +253,7 @@ impl<'a> ProgramCheck<'a> {
         let Some(objection) = objection else {
             return CheckStep::Next;
         };
-        if objection.is_of_travel(&self.doubtful) {
+        if objection.is_of_travel(&self.uncertain) {
             return CheckStep::Next;
         }
         if objection.is_of_travel(&self.assumed) {
@@ -279,7 +279,7 @@ impl<'a> ProgramCheck<'a> {
     /// Axes that the program has positioned are at a known position from here on.
     fn know_where_sent(&mut self) {
         for axis in self.anywhere.axes() {
-            if !self.doubtful[axis] {
+            if !self.uncertain[axis] {
                 self.anywhere = self.anywhere.without(AxisMask::one(axis));
             }
         }
@@ -374,7 +374,7 @@ impl<'a> ProgramCheck<'a> {
                 }
                 return own.map(Objection::Plan);
             }
-            let is_open = |axis: usize| self.assumed[axis] || self.doubtful[axis];
+            let is_open = |axis: usize| self.assumed[axis] || self.uncertain[axis];
             // If an earlier move beyond the travel was an assumption, one that certainly ends beyond it is a
             // separate error.
             let is_own =
@@ -400,7 +400,7 @@ impl<'a> ProgramCheck<'a> {
         AxisLetter::ALL.into_iter().find_map(|axis| {
             let i = axis.index();
             let (lowest, highest) = (self.limits.travel_min[i], self.limits.travel_max[i]);
-            let is_known = self.limits.present[i] && !self.assumed[i] && !self.doubtful[i];
+            let is_known = self.limits.present[i] && !self.assumed[i] && !self.uncertain[i];
             let comes_from_anywhere = self.anywhere.contains(i);
             if !is_known || !comes_from_anywhere && !(lowest..=highest).contains(&start[i]) {
                 return None;

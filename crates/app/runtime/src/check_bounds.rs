@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use evolvent_gcode::LoopPlace;
+use evolvent_gcode::LoopStart;
 
 /// Bounds of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,10 +61,10 @@ pub struct Unchecked {
 
 impl Unchecked {
     /// Names the loop as the reason if the line with many commands is part of one.
-    pub(crate) fn name_loop(&mut self, place: Option<LoopPlace>) {
-        if let (CheckBound::Line { commands, .. }, Some(place)) = (&self.bound, place) {
+    pub(crate) fn name_loop(&mut self, start: Option<LoopStart>) {
+        if let (CheckBound::Line { commands, .. }, Some(start)) = (&self.bound, start) {
             self.bound = CheckBound::Loop {
-                place,
+                start,
                 commands: *commands,
             };
         }
@@ -85,7 +85,7 @@ pub enum CheckBound {
     /// A loop exceeds its number of commands.
     Loop {
         /// The start of the loop.
-        place: LoopPlace,
+        start: LoopStart,
         /// The maximum number.
         commands: u64,
     },
@@ -129,9 +129,9 @@ impl fmt::Display for CheckBound {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Errors => formatter.write_str("the maximum number of errors is reached"),
-            Self::Loop { place, commands } => {
-                write!(formatter, "the loop that begins on line {}", place.line)?;
-                if let Some(file) = &place.file {
+            Self::Loop { start, commands } => {
+                write!(formatter, "the loop that begins on line {}", start.line)?;
+                if let Some(file) = &start.file {
                     write!(formatter, " of {file}")?;
                 }
                 write!(formatter, " has more than {commands} commands")

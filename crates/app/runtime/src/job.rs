@@ -6,8 +6,8 @@ use std::sync::Arc;
 use evolvent_config::ConfigDocument;
 use evolvent_gcode as gcode;
 use evolvent_machine::{
-    ControlRate, LengthUnit, Machine, MachineKind, Magazine, PathMode, PeriodError, RotaryWay, StartPlane,
-    StartX, ToolChange, TurningWords, WithoutToolTable,
+    ControlRate, LengthUnit, Machine, MachineKind, Magazine, PathMode, PeriodError, RotaryDirection,
+    StartPlane, StartX, ToolChange, TurningWords, WithoutToolTable,
 };
 use evolvent_path::{AXES, Axes, AxisMask, Plane};
 use evolvent_planner::{PathLimits, PathRules};
@@ -72,7 +72,7 @@ pub struct Setup {
     /// The program is a block of MDI, which leaves spindle and coolant unchanged at its end.
     pub is_mdi: bool,
     /// The state with which a block of MDI begins.
-    pub restored: gcode::Restored,
+    pub restored: gcode::MdiPreamble,
     /// Whether lines that begin with `/` are skipped.
     pub block_delete: bool,
     /// Fraction of the axes' speed that rapids may use, 0 to 1.
@@ -118,7 +118,7 @@ impl Setup {
             tool_unknown: None,
             outputs: gcode::Outputs::default(),
             is_mdi: false,
-            restored: gcode::Restored::default(),
+            restored: gcode::MdiPreamble::default(),
             block_delete: false,
             rapid_override: 1.0,
             process: None,
@@ -212,8 +212,8 @@ impl Setup {
         let mut unlimited = [None; AXES];
         for axis in &self.machine.axes {
             unlimited[axis.letter.index()] = axis.unlimited.map(|direction| match direction {
-                RotaryWay::Shorter => gcode::RotaryWay::Shorter,
-                RotaryWay::Sign => gcode::RotaryWay::Sign,
+                RotaryDirection::Shorter => gcode::RotaryDirection::Shorter,
+                RotaryDirection::Sign => gcode::RotaryDirection::Sign,
             });
         }
         let program = &self.machine.program;
@@ -263,12 +263,12 @@ impl Setup {
             features: self.features(),
             subroutine_folders: self.memory.folders.clone(),
             start: self.start(),
-            unknown: std::array::from_fn(|axis| self.unhomed.contains(axis)),
+            unhomed: std::array::from_fn(|axis| self.unhomed.contains(axis)),
             tool: self.tool,
             selected_tool: self.selected_tool,
             outputs: self.outputs,
-            is_block: self.is_mdi,
-            restored: self.restored,
+            is_mdi: self.is_mdi,
+            preamble: self.restored,
             inches: program.start_unit == LengthUnit::Inch,
             plane: match program.start_plane {
                 StartPlane::Xy => Plane::Xy,

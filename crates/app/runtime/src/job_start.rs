@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use evolvent_gcode::{Outputs, Restored, SpindleDirection, SpindleOutput};
+use evolvent_gcode::{MdiPreamble, Outputs, SpindleDirection, SpindleOutput};
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, SurfaceSpeed};
 use evolvent_transfer::{AxesState, Sync, Transfer, TransferError};
@@ -18,7 +18,7 @@ pub struct ProgramStart {
     /// Whether it is a block of MDI.
     pub is_mdi: bool,
     /// The state with which a block of MDI begins; empty in traces of versions that did not keep the spindle.
-    pub restored: Restored,
+    pub restored: MdiPreamble,
     /// Name of the attachment with the text.
     pub program: String,
     /// Name of the attachment with the tool table, if any.
@@ -129,8 +129,8 @@ impl fmt::Display for JobStart {
                     start.switches,
                     start.feed_override,
                 )?;
-                if start.restored != Restored::default() {
-                    let Restored {
+                if start.restored != MdiPreamble::default() {
+                    let MdiPreamble {
                         lines,
                         active_spindle,
                     } = start.restored;
@@ -211,7 +211,7 @@ impl JobStart {
         match what {
             "program" | "mdi" => Some(Self::Program(Box::new(ProgramStart {
                 is_mdi: what == "mdi",
-                restored: Restored {
+                restored: MdiPreamble {
                     lines: whole("restored_lines").unwrap_or(0),
                     active_spindle: whole("active_spindle").unwrap_or(0),
                 },
@@ -343,7 +343,7 @@ mod tests {
         });
         let program = JobStart::Program(Box::new(ProgramStart {
             is_mdi: true,
-            restored: Restored {
+            restored: MdiPreamble {
                 lines: 5,
                 active_spindle: 2,
             },

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use evolvent_gcode::{KeptParameters, StoreError, ToolTable};
+use evolvent_gcode::{PersistentParameters, StoreError, ToolTable};
 use evolvent_machine::Machine;
 
 /// The state that a program uses and leaves on a machine, with its files.
@@ -15,7 +15,7 @@ pub struct ProgramMemory {
     /// The file of the tool table.
     pub tools_file: Option<PathBuf>,
     /// Offsets and other parameters; `None` if none are kept.
-    pub kept: Option<KeptParameters>,
+    pub kept: Option<PersistentParameters>,
     /// The file of the parameters.
     pub kept_file: Option<PathBuf>,
     /// Lines that restore the parameters of the last program that are not kept; empty before the first.
@@ -60,7 +60,7 @@ impl ProgramMemory {
     /// # Errors
     /// The file cannot be read or is invalid.
     pub fn load_parameters(&mut self, file: PathBuf) -> Result<(), StoreError> {
-        self.kept = Some(KeptParameters::load(&file)?);
+        self.kept = Some(PersistentParameters::load(&file)?);
         self.kept_file = Some(file);
         Ok(())
     }

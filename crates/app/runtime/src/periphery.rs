@@ -113,7 +113,7 @@ impl Periphery {
 
     /// Whether a spindle is to turn, or to hold an angle.
     pub(crate) fn drives_spindle(&self, number: usize) -> bool {
-        self.outputs.spindles[number].turns() || self.orientations[number].is_some()
+        self.outputs.spindles[number].is_rotating() || self.orientations[number].is_some()
     }
 
     /// The move that the cycle drives now without a plan.

@@ -8,7 +8,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use evolvent_config::open_regular;
-use evolvent_gcode::{Action, CanonicalCommand, Diagnostic, Interpreter, KeptParameters, Modal, Restart};
+use evolvent_gcode::{
+    Action, CanonicalCommand, Diagnostic, Interpreter, Modal, PersistentParameters, Restart,
+};
 use evolvent_machine::{Machine, MachineKind, SignalKind, ToolChange};
 use evolvent_path::{Axes, AxisLetter};
 
@@ -145,7 +147,7 @@ impl Commands {
             let approach = restart.approach(&from, axis, clear).map_err(wrong)?;
             first.extend(approach.commands);
             // A start at a later piece of a thread is rejected before anything moves.
-            if interpreter.begins_behind_thread() {
+            if interpreter.starts_after_thread() {
                 match interpreter.next() {
                     Some(Ok(command)) => first.push_back(command),
                     Some(Err(diagnostic)) => return Err(wrong(Box::new(diagnostic))),
@@ -158,7 +160,7 @@ impl Commands {
             start = Some(Start {
                 restart,
                 outputs,
-                approach: approach.told,
+                approach: approach.descriptions,
             });
         }
         Ok(Self {
@@ -180,13 +182,13 @@ impl Commands {
     }
 
     /// Sets the result of an input (M66) before the next command is read.
-    pub(crate) fn answer_input(&mut self, value: f64) {
-        self.interpreter.answer_input(value);
+    pub(crate) fn set_input_result(&mut self, value: f64) {
+        self.interpreter.set_input_result(value);
     }
 
     /// Sets the result of a probing move before the next command is read.
-    pub(crate) fn answer_probe(&mut self, contact: &Axes, stop_position: &Axes, tripped: bool) {
-        let _is_position = self.interpreter.answer_probe(contact, stop_position, tripped);
+    pub(crate) fn set_probe_result(&mut self, contact: &Axes, stop_position: &Axes, tripped: bool) {
+        let _is_position = self.interpreter.set_probe_result(contact, stop_position, tripped);
     }
 
     /// The last contact of the probe, in program coordinates and units: #5061 to #5069.
@@ -222,7 +224,7 @@ impl Commands {
 
     /// Lines that restore, in another program, the machine's answers so far, except parameters kept in a
     /// file.
-    fn results(&self, kept: Option<&KeptParameters>) -> String {
+    fn results(&self, kept: Option<&PersistentParameters>) -> String {
         RESULTS
             .into_iter()
             .filter(|number| kept.is_none_or(|kept| kept.get(*number).is_none()))
@@ -241,7 +243,9 @@ impl Commands {
         }
         left.volatile = match &left.kept {
             Some(kept) => self.interpreter.volatile_parameters(kept),
-            None => self.interpreter.volatile_parameters(&KeptParameters::default()),
+            None => self
+                .interpreter
+                .volatile_parameters(&PersistentParameters::default()),
         };
         left.volatile.push_str(&self.results(left.kept.as_ref()));
         if let Some(tools) = self.interpreter.tools() {

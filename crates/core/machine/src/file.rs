@@ -15,7 +15,7 @@ use crate::handwheel::HandwheelFile;
 use crate::homing::HomingFile;
 use crate::machine::{
     ControlRate, CycleRecording, FeedbackMode, Kinematics, LengthUnit, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind,
-    Magazine, OnFull, PathMode, PlannerKind, RotaryWay, StartPlane, StartX, ToolChange, TurningWords,
+    Magazine, OnFull, PathMode, PlannerKind, RotaryDirection, StartPlane, StartX, ToolChange, TurningWords,
     WithoutToolTable,
 };
 use crate::signals::{EstopFile, InputFile, OutputFile, ProbeFile, SignalsFile, SpindleFile};
@@ -115,7 +115,7 @@ pub(crate) struct AxisFile {
     /// Maximum position of a linear axis, mm.
     pub(crate) travel_max_mm: Option<f64>,
     /// An unlimited rotary axis, instead of a travel: how G90 goes to an angle on it, "shorter" or "sign".
-    pub(crate) unlimited: Option<RotaryWay>,
+    pub(crate) unlimited: Option<RotaryDirection>,
     /// Minimum position of a rotary axis, degrees.
     pub(crate) travel_min_deg: Option<f64>,
     /// Maximum position of a rotary axis, degrees.

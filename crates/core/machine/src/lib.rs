@@ -69,8 +69,8 @@ pub use load_sample::LoadSample;
 pub use machine::{
     Axis, ControlRate, CycleRecording, DriveSettings, FeedbackMode, Kinematics, Lead, LengthUnit,
     MAX_FILE_BYTES, MAX_RATE_HZ, MIN_RATE_HZ, Machine, MachineKind, Magazine, OnFull, PathMode, PathSettings,
-    PlannerKind, ProgramSettings, RealtimeSettings, RotaryWay, StartPlane, StartX, ToolChange, TraceSettings,
-    TurningWords, UNLIMITED_DEG, WithoutToolTable,
+    PlannerKind, ProgramSettings, RealtimeSettings, RotaryDirection, StartPlane, StartX, ToolChange,
+    TraceSettings, TurningWords, UNLIMITED_DEG, WithoutToolTable,
 };
 pub use rate::{
     DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2, LimitedBy, RateError, RateInput, RationalRate, period_ns_of,

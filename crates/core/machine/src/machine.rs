@@ -176,13 +176,14 @@ pub struct Axis {
     pub following_time_s: f64,
     /// The direction of G90 on an unlimited rotary axis, whose travel is [`UNLIMITED_DEG`] in either
     /// direction.
-    pub unlimited: Option<RotaryWay>,
+    pub unlimited: Option<RotaryDirection>,
 }
 
 /// The direction in which G90 turns an unlimited rotary axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum RotaryWay {
+#[schemars(rename = "RotaryWay")]
+pub enum RotaryDirection {
     /// The shorter way; half a turn in the positive direction.
     Shorter,
     /// The sign of the word: without one in the positive direction, with a minus to the absolute value in the negative direction.

@@ -1,6 +1,6 @@
 //! Unlimited rotary axes.
 
-use evolvent_machine::{Machine, RotaryWay, UNLIMITED_DEG};
+use evolvent_machine::{Machine, RotaryDirection, UNLIMITED_DEG};
 use evolvent_path::AxisLetter;
 
 use crate::common::GOOD;
@@ -12,7 +12,10 @@ const TABLE: &str = "[[axis]]\nletter = \"C\"\nmax_velocity_deg_s = 360\nmax_acc
 #[test]
 fn an_unlimited_axis_needs_no_travel_and_takes_none() {
     let parse = |keys: &str| Machine::parse(&format!("{GOOD}\n{TABLE}{keys}"), "table.toml");
-    for (word, way) in [("shorter", RotaryWay::Shorter), ("sign", RotaryWay::Sign)] {
+    for (word, way) in [
+        ("shorter", RotaryDirection::Shorter),
+        ("sign", RotaryDirection::Sign),
+    ] {
         let machine = parse(&format!("unlimited = \"{word}\"\nhome_deg = -90")).unwrap();
         let axis = machine.axis(AxisLetter::C).unwrap();
         assert_eq!((axis.unlimited, axis.home), (Some(way), -90.0));

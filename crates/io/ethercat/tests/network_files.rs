@@ -2,7 +2,7 @@
 
 use evolvent_ethercat::{FitError, Network, check_fit, fit_notes, network_schema};
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};
-use evolvent_machine::{Machine, RotaryWay};
+use evolvent_machine::{Machine, RotaryDirection};
 
 #[test]
 fn the_schema_that_ships_is_the_one_of_the_code() {
@@ -186,7 +186,7 @@ fn machine_and_network_are_compared() {
     );
     // The counts of an unlimited axis may wrap around.
     let mut unlimited = machine.clone();
-    (unlimited.axes[0].unlimited, unlimited.axes[0].max_velocity) = (Some(RotaryWay::Shorter), 50.0);
+    (unlimited.axes[0].unlimited, unlimited.axes[0].max_velocity) = (Some(RotaryDirection::Shorter), 50.0);
     let network = Network::parse(&fine, "network.toml").expect("a network");
     assert_eq!(check_fit(&unlimited, &network), Ok(()));
 }

@@ -39,7 +39,7 @@ struct CallLink {
 
 impl CallChain {
     /// The chain of a subroutine that a line with this chain calls.
-    pub(crate) fn and_from(&self, file: Option<Arc<str>>, line: u32) -> Self {
+    pub(crate) fn called_from(&self, file: Option<Arc<str>>, line: u32) -> Self {
         Self(Some(Arc::new(CallLink {
             file,
             line,
@@ -168,8 +168,8 @@ pub enum Action {
         return_factor: f64,
     },
     /// A straight move until the probe trips (G38.2 to G38.5). Report the position of contact with
-    /// [`Interpreter::answer_probe`](crate::Interpreter::answer_probe); otherwise the program continues as
-    /// without contact.
+    /// [`Interpreter::set_probe_result`](crate::Interpreter::set_probe_result); otherwise the program
+    /// continues as without contact.
     Probe {
         /// The maximum path.
         curve: Curve,
@@ -186,7 +186,7 @@ pub enum Action {
         index: u32,
         /// Its new state.
         on: bool,
-        /// At the start of the next move instead of at once.
+        /// At the start of the next move instead of immediately.
         synchronised: bool,
     },
     /// Sets an analog output (M67, M68).
@@ -195,12 +195,12 @@ pub enum Action {
         index: u32,
         /// Its new value.
         value: f64,
-        /// At the start of the next move instead of at once.
+        /// At the start of the next move instead of immediately.
         synchronised: bool,
     },
     /// Waits for an input (M66). Report its value with
-    /// [`Interpreter::answer_input`](crate::Interpreter::answer_input) before requesting the next command; it
-    /// becomes #5399. Otherwise #5399 is -1, which means a timeout.
+    /// [`Interpreter::set_input_result`](crate::Interpreter::set_input_result) before requesting the next
+    /// command; it becomes #5399. Otherwise #5399 is -1, which means a timeout.
     WaitInput {
         /// Number of the input.
         index: u32,

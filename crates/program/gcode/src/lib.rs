@@ -1,8 +1,8 @@
 //! RS274/NGC interpreter: program text in, a lazy stream of canonical commands out, and errors with their
 //! position.
 //!
-//! Input: text from any [`BufRead`](std::io::BufRead) and [`Settings`]. Output: an iterator over [`CanonicalCommand`]s
-//! in machine coordinates, and [`Diagnostic`]s.
+//! Input: text from any [`BufRead`](std::io::BufRead) and [`Settings`]. Output: an iterator over
+//! [`CanonicalCommand`]s in machine coordinates, and [`Diagnostic`]s.
 //!
 //! ```
 //! use evolvent_gcode::{Action, Interpreter, Settings};
@@ -45,15 +45,15 @@
 //!
 //! Commands are free of modes: a [`Move`] carries a curve in machine coordinates in mm and degrees, a speed
 //! in mm/s and the path control mode, so planners know no units, planes, offsets, cycles or cutter radius. In
-//! G95 the feed of a move is that at the commanded spindle speed, and the [`CanonicalCommand`] has the feed per
-//! revolution; in G96 such a move is divided into pieces of nearly constant speed.
+//! G95 the feed of a move is that at the commanded spindle speed, and the [`CanonicalCommand`] has the feed
+//! per revolution; in G96 such a move is divided into pieces of nearly constant speed.
 //!
 //! # Guarantees
 //!
 //! No input panics. A line is executed completely or not at all: after an error modal state and parameters
 //! are those before it, so the following errors can be found, without those that follow from it alone. Memory
-//! is bounded by the settings. The commands depend on the text, the settings and the reported answers only.
-//! Nothing here is real-time safe: it allocates.
+//! is bounded by the settings. The commands depend only on the text, the settings and the results of inputs
+//! and probes. Nothing here is real-time safe: it allocates.
 //!
 //! # Where to read on
 //!
@@ -76,14 +76,14 @@ pub use diagnostics::diagnostic::{Call, Diagnostic};
 pub use evolvent_path::{Move, MoveKind, PathMode};
 pub use execution::cycles::turning::{TurningCycle, TurningKind};
 pub use interpreter::Interpreter;
-pub use interpreter::control_flow::LoopPlace;
+pub use interpreter::control_flow::LoopStart;
 pub use interpreter::modal::Modal;
 pub use interpreter::restart::{Approach, Restart};
 pub use state::outputs::{Outputs, SPINDLES, SpindleOutput};
 pub use state::settings::{
-    ArcTolerance, MachineFeatures, ProgramLimits, Restored, RotaryWay, Settings, StartOffsets, ToolChanger,
-    TurningWords, WORK_OFFSETS,
+    ArcTolerance, MachineFeatures, MdiPreamble, ProgramLimits, RotaryDirection, Settings, StartOffsets,
+    ToolChanger, TurningWords, WORK_OFFSETS,
 };
-pub use tables::parameter_file::{KeptParameters, ParameterFileError};
+pub use tables::parameter_file::{ParameterFileError, PersistentParameters};
 pub use tables::store::{StoreError, replace_file};
 pub use tables::tools::{Tool, ToolTable, ToolTableError};

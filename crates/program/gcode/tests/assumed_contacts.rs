@@ -216,7 +216,7 @@ fn an_end_that_does_not_depend_on_it_ends_the_program() {
 }
 
 #[test]
-fn errors_that_do_not_depend_on_it_stay_errors() {
+fn independent_errors_remain_errors() {
     for (test, code) in [
         ("(ABORT, always)\n", Code::ActiveComment),
         (
@@ -257,7 +257,7 @@ fn an_error_from_an_assumed_value_is_a_warning() {
 }
 
 #[test]
-fn positions_are_unknown_until_they_are_commanded() {
+fn positions_are_uncertain_until_commanded() {
     let of = |test: &str| {
         let mut moves = assumed(&format!("{PROBE}{test}M2\n"));
         moves.remove(0);
@@ -280,7 +280,7 @@ fn positions_are_unknown_until_they_are_commanded() {
 }
 
 /// The lines with moves whose end may be unknown because of lines without effect.
-fn doubtful(program: &str) -> Vec<u32> {
+fn uncertain(program: &str) -> Vec<u32> {
     let settings = Settings {
         probes_succeed: true,
         ..Settings::default()
@@ -289,7 +289,7 @@ fn doubtful(program: &str) -> Vec<u32> {
     let mut lines = Vec::new();
     while let Some(item) = interpreter.next() {
         let is_move = item.is_ok_and(|command| matches!(command.action, Action::Move(_)));
-        if is_move && interpreter.doubtful_axes().contains(&true) {
+        if is_move && interpreter.uncertain_axes().contains(&true) {
             lines.push(interpreter.line());
         }
     }
@@ -297,7 +297,7 @@ fn doubtful(program: &str) -> Vec<u32> {
 }
 
 #[test]
-fn an_abort_not_taken_leaves_everything_known() {
+fn an_abort_that_is_not_executed_changes_no_state() {
     // The text of an (ABORT) has no words.
     let texts = [
         "(ABORT, contact too early)",
@@ -306,13 +306,13 @@ fn an_abort_not_taken_leaves_everything_known() {
     ];
     for text in texts {
         let program = format!("{PROBE}o1 if [#5070 NE 0]\n{text}\no1 endif\nG0 X1 Y2 Z3\nX4\nM2\n");
-        assert_eq!(doubtful(&program), [] as [u32; 0], "{text}");
+        assert_eq!(uncertain(&program), [] as [u32; 0], "{text}");
     }
 }
 
 #[test]
 fn an_assumed_error_makes_set_words_unknown() {
-    let of = |line: &str| doubtful(&format!("{PROBE}{line}\nG1 X8\nG0 X4 Z9\nZ3\nM2\n"));
+    let of = |line: &str| uncertain(&format!("{PROBE}{line}\nG1 X8\nG0 X4 Z9\nZ3\nM2\n"));
     // At this point #5063 is -5, where the probing move ends.
     assert_eq!(of("G1 Z[1/[#5063+5]] (to the top, G92 T1)"), [5]);
     assert_eq!(of("G1 Z[1/[#5063+5]] ; G54 and T1"), [5]);

@@ -330,25 +330,26 @@ const TABLE: &[(&str, Code, u32)] = {
 };
 
 #[test]
-fn every_fault_of_the_table_is_named_with_its_column() {
+fn every_error_of_the_table_has_its_column() {
     assert!(TABLE.len() > 150);
-    let mut wrong = String::new();
+    let mut mismatches = String::new();
     for (program, code, column) in TABLE {
         let found = errors(program.as_bytes());
         let line = program.split('\n').count() as u32;
-        let places: Vec<_> = found
+        let positions: Vec<_> = found
             .iter()
             .map(|error| (error.code, error.line, error.column))
             .collect();
-        if places != [(*code, line, *column)] {
-            wrong += &format!("{program:?}: expected {code:?} at {line}:{column}, found {places:?}\n");
+        if positions != [(*code, line, *column)] {
+            mismatches +=
+                &format!("{program:?}: expected {code:?} at {line}:{column}, found {positions:?}\n");
         }
     }
-    assert!(wrong.is_empty(), "{wrong}");
+    assert!(mismatches.is_empty(), "{mismatches}");
 }
 
 #[test]
-fn every_rendered_fault_shows_code_message_and_place() {
+fn every_rendered_error_shows_code_message_and_position() {
     for (program, code, column) in TABLE {
         for error in errors(program.as_bytes()) {
             let shown = error.render("a.ngc");
@@ -393,7 +394,7 @@ fn every_code_is_listed_in_the_docs_with_its_meaning() {
 }
 
 #[test]
-fn messages_name_the_word_that_is_wrong() {
+fn messages_name_the_invalid_word() {
     for (program, word) in [
         ("G0 X1 P1", "P"),
         ("G77", "G77"),
@@ -449,7 +450,7 @@ fn one_pass_finds_the_errors_of_many_lines() {
 }
 
 #[test]
-fn nothing_of_a_faulty_line_is_handed_out() {
+fn a_line_with_an_error_emits_nothing() {
     let items: Vec<_> = Interpreter::new(&b"(MSG, go) T1 S5 M3 G1 X1"[..], settings()).collect();
     assert!(matches!(&items[0], Err(error) if error.code == Code::FeedMissing));
     assert!(matches!(&items[1], Ok(command) if command.action == evolvent_gcode::Action::ProgramEnd));
@@ -490,7 +491,7 @@ fn a_read_error_is_reported_once() {
 }
 
 #[test]
-fn truncation_at_any_byte_gives_an_end_and_no_panic() {
+fn truncated_programs_terminate_without_panic() {
     let program = b"%\n(MSG, hi)\nG21 G90 F100\nG1 X1.5 Y-2\nG2 X3 I.75 P2\n/ G4 P1.5\nM30\n%\n";
     for end in 0..program.len() {
         let items: Vec<_> = Interpreter::new(&program[..end], settings()).collect();

@@ -6,10 +6,10 @@ use crate::interpreted::interpret;
 
 #[test]
 fn an_mdi_block_keeps_spindle_and_coolant() {
-    let outputs = |program: &str, before: Outputs, is_block: bool| {
+    let outputs = |program: &str, before: Outputs, is_mdi: bool| {
         let settings = Settings {
             outputs: before,
-            is_block,
+            is_mdi,
             ..Settings::default()
         };
         let (commands, found) = interpret(program, settings);

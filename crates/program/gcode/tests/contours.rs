@@ -1,5 +1,5 @@
 //! Cutter compensation on random contours: no point of the tool's path is nearer to the contour than the
-//! radius, no move is reversed or runs all the way round, and every contour that the tool fits is accepted.
+//! radius, no move is reversed or becomes a full turn, and every contour that the tool fits is accepted.
 //!
 //! Generator and checks do not know the algorithm: they sample the path.
 
@@ -88,12 +88,12 @@ impl Piece {
     fn distance(&self, point: Point) -> f64 {
         let ends = distance(point, self.start).min(distance(point, self.end));
         if self.sweep == 0.0 {
-            let way = [self.end[0] - self.start[0], self.end[1] - self.start[1]];
+            let chord = [self.end[0] - self.start[0], self.end[1] - self.start[1]];
             let from = [point[0] - self.start[0], point[1] - self.start[1]];
-            let square = way[0] * way[0] + way[1] * way[1];
-            let foot = (from[0] * way[0] + from[1] * way[1]) / square;
-            let aside = (way[0] * from[1] - way[1] * from[0]).abs() / square.sqrt();
-            return if (0.0..=1.0).contains(&foot) { aside } else { ends };
+            let square = chord[0] * chord[0] + chord[1] * chord[1];
+            let foot = (from[0] * chord[0] + from[1] * chord[1]) / square;
+            let offset = (chord[0] * from[1] - chord[1] * from[0]).abs() / square.sqrt();
+            return if (0.0..=1.0).contains(&foot) { offset } else { ends };
         }
         let angle = |of: Point| (of[1] - self.centre[1]).atan2(of[0] - self.centre[0]);
         let turned = (self.sweep.signum() * (angle(point) - angle(self.start))).rem_euclid(TAU);
@@ -122,7 +122,7 @@ struct Case {
     left: bool,
     program: String,
     /// Error of the written contour: a few roundings, in mm.
-    written: f64,
+    rounding_mm: f64,
 }
 
 /// The first line of the contour in the program; each piece has one line.
@@ -153,7 +153,7 @@ impl Case {
             radius,
             left,
             program,
-            written: 3.0 * 10_f64.powi(-(decimals as i32)),
+            rounding_mm: 3.0 * 10_f64.powi(-(decimals as i32)),
         }
     }
 
@@ -166,8 +166,8 @@ impl Case {
         let mut moves = vec![Vec::new(); self.pieces.len()];
         for item in Interpreter::new(self.program.as_bytes(), Settings::default()) {
             let command = item?;
-            let place = (command.line as usize).wrapping_sub(FIRST_LINE);
-            if let (Action::Move(step), Some(list)) = (command.action, moves.get_mut(place)) {
+            let piece_index = (command.line as usize).wrapping_sub(FIRST_LINE);
+            if let (Action::Move(step), Some(list)) = (command.action, moves.get_mut(piece_index)) {
                 list.push(step);
             }
         }
@@ -183,11 +183,11 @@ impl Case {
 
     /// Additional clearance up to which a position still counts as too narrow: rounding moves corners by many
     /// times its size where walls are nearly parallel.
-    fn spared(&self) -> f64 {
-        if self.written < 1e-5 {
+    fn rounding_margin(&self) -> f64 {
+        if self.rounding_mm < 1e-5 {
             0.0
         } else {
-            50.0 * self.written
+            50.0 * self.rounding_mm
         }
     }
 
@@ -201,8 +201,8 @@ impl Case {
     /// Checks the moves beside one piece: possibly an arc about the corner before it, then the piece's own
     /// move, parallel to the piece and on its side.
     fn check_moves(&self, piece: &Piece, moves: &[Move]) -> Result<(), String> {
-        let allowed = STRAIGHT_LOSS * self.radius + self.written;
-        let Some((own, corner)) = moves.split_last() else {
+        let tolerance = STRAIGHT_LOSS * self.radius + self.rounding_mm;
+        let Some((own_move, corner)) = moves.split_last() else {
             return Ok(());
         };
         if corner.len() > 1 {
@@ -212,17 +212,18 @@ impl Case {
             let Curve::Arc(arc) = step.curve else {
                 return Err("a corner that is no arc".to_owned());
             };
-            if distance(arc.centre_mm(), piece.start) > self.written || arc.sweep_rad().abs() > PI + 1e-6 {
+            if distance(arc.centre_mm(), piece.start) > self.rounding_mm || arc.sweep_rad().abs() > PI + 1e-6
+            {
                 return Err(format!("an arc of {} about the corner", arc.sweep_rad()));
             }
         }
         // Only an arc about the corner: a piece that vanishes has no move of its own.
-        if let (Curve::Arc(arc), 0.0) = (own.curve, piece.sweep)
-            && distance(arc.centre_mm(), piece.start) <= self.written
+        if let (Curve::Arc(arc), 0.0) = (own_move.curve, piece.sweep)
+            && distance(arc.centre_mm(), piece.start) <= self.rounding_mm
         {
             return Err("a line became an arc".to_owned());
         }
-        let (start, end) = (plane(own.curve.start()), plane(own.curve.end()));
+        let (start, end) = (plane(own_move.curve.start()), plane(own_move.curve.end()));
         if piece.sweep == 0.0 {
             let angle = piece.direction(0.0);
             let forward = (end[0] - start[0]) * angle.cos() + (end[1] - start[1]) * angle.sin();
@@ -230,20 +231,22 @@ impl Case {
                 return Err(format!("a line goes back by {} mm", -forward));
             }
         } else {
-            let Curve::Arc(arc) = own.curve else {
+            let Curve::Arc(arc) = own_move.curve else {
                 return Err("an arc became a line".to_owned());
             };
             // A corner that is passed straight may let it begin slightly earlier.
-            let more = 0.06 * (1.0 + self.radius / arc.radius_mm());
-            if arc.sweep_rad() * piece.sweep <= 0.0 || arc.sweep_rad().abs() > piece.sweep.abs() + more {
-                let (is, was) = (arc.sweep_rad(), piece.sweep);
-                return Err(format!("an arc of {was} rad turns by {is}"));
+            let margin = 0.06 * (1.0 + self.radius / arc.radius_mm());
+            if arc.sweep_rad() * piece.sweep <= 0.0 || arc.sweep_rad().abs() > piece.sweep.abs() + margin {
+                let (swept, programmed) = (arc.sweep_rad(), piece.sweep);
+                return Err(format!("an arc of {programmed} rad turns by {swept}"));
             }
         }
-        for point in samples(own) {
-            let off = (piece.distance(point) - self.radius).abs();
-            if off > allowed {
-                return Err(format!("{off} mm off the piece that it runs along, at {point:?}"));
+        for point in samples(own_move) {
+            let deviation = (piece.distance(point) - self.radius).abs();
+            if deviation > tolerance {
+                return Err(format!(
+                    "{deviation} mm off the piece that it runs along, at {point:?}"
+                ));
             }
         }
         Ok(())
@@ -293,15 +296,18 @@ fn landscape(random: &mut Random) -> Case {
         chain.push(piece);
     }
     chain.push(Piece::line(at, 0.0, 4.0 * radius));
-    let turn = random.between(-PI, PI);
-    let place = |[x, y]: Point| {
+    let rotation = random.between(-PI, PI);
+    let transform = |[x, y]: Point| {
         let y = if left { y } else { -y };
-        [turn.cos() * x - turn.sin() * y, turn.sin() * x + turn.cos() * y]
+        [
+            rotation.cos() * x - rotation.sin() * y,
+            rotation.sin() * x + rotation.cos() * y,
+        ]
     };
     let pieces = chain.iter().map(|piece| Piece {
-        start: place(piece.start),
-        end: place(piece.end),
-        centre: place(piece.centre),
+        start: transform(piece.start),
+        end: transform(piece.end),
+        centre: transform(piece.centre),
         sweep: if left { piece.sweep } else { -piece.sweep },
     });
     Case::new(pieces.collect(), radius, left, decimals as usize)
@@ -310,26 +316,30 @@ fn landscape(random: &mut Random) -> Case {
 #[test]
 fn random_contours_are_never_gouged() {
     let mut random = Random::new();
-    let (mut accepted, mut refused) = (0, 0);
+    let (mut accepted, mut rejected) = (0, 0);
     for _ in 0..cases(3000) {
         let case = landscape(&mut random);
         let text = &case.program;
         match case.run() {
             Ok(moves) => {
                 accepted += 1;
-                let least = case.radius * (1.0 - STRAIGHT_LOSS) - case.written;
+                let min_clearance = case.radius * (1.0 - STRAIGHT_LOSS) - case.rounding_mm;
                 for (piece, moves) in case.pieces.iter().zip(&moves) {
                     if let Err(fault) = case.check_moves(piece, moves) {
                         panic!("{fault}\n{text}");
                     }
                     for point in moves.iter().flat_map(samples) {
-                        let clear = case.clearance(point);
-                        assert!(clear >= least, "{clear} of {} at {point:?}\n{text}", case.radius);
+                        let clearance = case.clearance(point);
+                        assert!(
+                            clearance >= min_clearance,
+                            "{clearance} of {} at {point:?}\n{text}",
+                            case.radius
+                        );
                     }
                 }
             }
             Err(error) => {
-                refused += 1;
+                rejected += 1;
                 assert_eq!(
                     error.code,
                     Code::CompensationGouge,
@@ -337,7 +347,7 @@ fn random_contours_are_never_gouged() {
                     error.render("x")
                 );
                 // A corner that is passed straight takes up to a fortieth of the radius more than necessary.
-                let straight = case.pieces.windows(2).any(|pair| {
+                let is_straight = case.pieces.windows(2).any(|pair| {
                     let turn = pair[1].direction(0.0) - pair[0].direction(1.0);
                     {
                         let turn = turn.rem_euclid(TAU);
@@ -345,31 +355,31 @@ fn random_contours_are_never_gouged() {
                         (0.001..0.051).contains(&turn)
                     }
                 });
-                if straight {
+                if is_straight {
                     continue;
                 }
                 // Some piece cannot be touched by the tool at all.
-                let hidden = case.pieces.iter().any(|piece| {
+                let is_unreachable = case.pieces.iter().any(|piece| {
                     (0..=2000).all(|index| {
                         let centre = case.touching(piece, f64::from(index) / 2000.0);
-                        let inside = piece.sweep * case.side() > 0.0 && piece.radius() <= case.radius;
-                        inside || case.clearance(centre) < case.radius + case.spared()
+                        let is_inside = piece.sweep * case.side() > 0.0 && piece.radius() <= case.radius;
+                        is_inside || case.clearance(centre) < case.radius + case.rounding_margin()
                     })
                 });
                 assert!(
-                    hidden,
+                    is_unreachable,
                     "refused, but every piece can be reached: {}\n{text}",
                     error.render("x")
                 );
             }
         }
     }
-    println!("{accepted} accepted, {refused} refused");
-    assert!(accepted > 200 && refused > 200 || accepted + refused < 3000);
+    println!("{accepted} accepted, {rejected} refused");
+    assert!(accepted > 200 && rejected > 200 || accepted + rejected < 3000);
 }
 
 #[test]
-fn no_move_of_any_contour_is_reversed_or_runs_round() {
+fn no_contour_move_is_reversed_or_a_full_turn() {
     let mut random = Random::new();
     let mut accepted = 0;
     for _ in 0..cases(3000) {

@@ -4,15 +4,15 @@ use evolvent_gcode::{Action, Interpreter, Move, MoveKind, Settings, Tool, ToolTa
 use evolvent_path::Curve;
 
 fn moves_with(program: &str, settings: Settings) -> Vec<Move> {
-    let (good, bad): (Vec<_>, Vec<_>) =
+    let (commands, errors): (Vec<_>, Vec<_>) =
         Interpreter::new(program.as_bytes(), settings).partition(Result::is_ok);
-    let shown: Vec<_> = bad
+    let shown: Vec<_> = errors
         .into_iter()
         .filter_map(Result::err)
         .map(|error| error.render("test"))
         .collect();
     assert!(shown.is_empty(), "{}", shown.join("\n"));
-    let moves = good
+    let moves = commands
         .into_iter()
         .filter_map(Result::ok)
         .filter_map(|command| match command.action {
@@ -60,16 +60,16 @@ fn g5_and_g5_1_are_their_bezier_curves() {
         assert_eq!(found.len(), 2, "one curve: {program}");
         for (k, point) in points(&found[1].curve, 20).iter().enumerate() {
             let expected = bezier(&control, k as f64 / 20.0);
-            let off = (point[0] - expected[0]).hypot(point[1] - expected[1]);
-            assert!(off < 1e-9, "{program}: {off} at {k}");
+            let deviation = (point[0] - expected[0]).hypot(point[1] - expected[1]);
+            assert!(deviation < 1e-9, "{program}: {deviation} at {k}");
         }
     }
 }
 
 #[test]
-fn g5_goes_on_with_the_mirrored_control_point() {
-    let both = moves("F600\nG5 X10 Y0 I2 J5 P-3 Q4\nG5 X20 Y0 P-1 Q-2");
-    let (one, two) = (both[0].curve, both[1].curve);
+fn g5_continues_with_the_mirrored_control_point() {
+    let splines = moves("F600\nG5 X10 Y0 I2 J5 P-3 Q4\nG5 X20 Y0 P-1 Q-2");
+    let (one, two) = (splines[0].curve, splines[1].curve);
     let (left, right) = (one.tangent(one.length()), two.tangent(0.0));
     assert!((left - right).norm() < 1e-9);
 }

@@ -44,7 +44,7 @@ fn messages(program: &str) -> Vec<String> {
 }
 
 #[test]
-fn a_slot_narrower_than_the_tool_is_refused() {
+fn a_slot_narrower_than_the_tool_is_rejected() {
     let slot = |width: f64| {
         format!("G21 G90 F300\nG0 X-20 Y0\nG41.1 D10\nG1 X0 Y0\nX30\nY{width}\nX0\nG40 X-20\nM2\n")
     };
@@ -65,21 +65,21 @@ fn a_slot_narrower_than_the_tool_is_refused() {
 }
 
 #[test]
-fn an_arc_too_short_for_both_its_corners_is_refused() {
+fn an_arc_too_short_for_both_corners_is_rejected() {
     let program = "G21 G90 F300\nG0 X-60 Y0\nG41.1 D10\nG1 X-40 Y0\nG1 X0 Y0\nG2 X2.232 Y2.660 I8.660 J-5\n\
                    G1 X-3 Y32.2\nG40 X-30 Y32.2\nM2\n";
     assert_eq!(fault(program), (Code::CompensationGouge, 7));
 }
 
 #[test]
-fn a_move_that_its_first_corner_takes_up_is_refused() {
+fn a_move_consumed_by_its_first_corner_is_rejected() {
     let program = "G21 G90 F300\nG0 X-20 Y60\nG41.1 D10\nG1 X-20 Y40\nG1 X-20 Y20\nG3 X0 Y0 I20\n\
                    G1 X1.7 Y4.7\nG1 X-10 Y14.5\nG40 X-10 Y40\nM2\n";
     assert_eq!(fault(program), (Code::CompensationGouge, 8));
 }
 
 #[test]
-fn a_fine_hollow_narrower_than_the_tool_is_refused() {
+fn a_fine_hollow_narrower_than_the_tool_is_rejected() {
     // Half a circle of radius 4 in steps of two degrees: no sharp corner, but a reversed tool path.
     let hollow = |radius: f64| {
         let mut text = format!("G21 F600\nG0 X{radius} Y-30\nG41.1 D10\nG1 Y-12\nY0\n");
@@ -119,7 +119,7 @@ fn arcs_with_rounded_ends_are_followed() {
 }
 
 #[test]
-fn a_full_circle_next_to_a_corner_stays_one() {
+fn a_full_circle_next_to_a_corner_remains_full() {
     // The tool arrives 0.03 rad off the circle's tangent, from outside or inside.
     for angle in [-0.03_f64, 0.03] {
         let (x, y) = (-40.0 * angle.cos(), -40.0 * angle.sin());
@@ -132,8 +132,8 @@ fn a_full_circle_next_to_a_corner_stays_one() {
             Curve::Arc(arc) => Some(arc.sweep_rad()),
             _ => None,
         });
-        let whole = sweeps.fold(0.0, f64::max);
-        assert!((whole - std::f64::consts::TAU).abs() < 0.04, "{whole}");
+        let largest = sweeps.fold(0.0, f64::max);
+        assert!((largest - std::f64::consts::TAU).abs() < 0.04, "{largest}");
     }
 }
 
@@ -147,14 +147,14 @@ fn a_tool_nose_cuts_the_programmed_diameter() {
     assert_eq!((at(1).0, at(2).0), (20.0, 20.0));
     // On the cone of 45 degrees the nose's centre is 0.8 off the line, the tip 0.8 lower in both.
     let (x, z) = (at(3).0 + 0.8, at(3).1 + 0.8);
-    let off = ((x - 20.0) + (z - 20.0)) / std::f64::consts::SQRT_2;
-    assert!((off.abs() - 0.8).abs() < 1e-12, "{off}");
+    let deviation = ((x - 20.0) + (z - 20.0)) / std::f64::consts::SQRT_2;
+    assert!((deviation.abs() - 0.8).abs() < 1e-12, "{deviation}");
     // G40 returns the tip to the programmed position.
     assert_eq!(at(4), (60.0, 10.0));
 }
 
 #[test]
-fn each_orientation_has_its_tip_where_the_nose_ends() {
+fn tool_orientation_locates_the_tip() {
     // Along Z, up a shoulder, and on along Z: the centre's path is that of a mill.
     for (tip, z, x) in [
         (0, 0.0, 0.0),
@@ -171,16 +171,16 @@ fn each_orientation_has_its_tip_where_the_nose_ends() {
         let found = moves(&format!(
             "G18 F100\nG0 X10 Z30\nG42.1 D2 L{tip}\nG1 X10 Z20\nZ0\nX30\nZ-20\nG40 Z-29"
         ));
-        let place = |index: usize| (found[index].curve.end()[2], found[index].curve.end()[0]);
-        assert_eq!(place(1), (20.0 + z, 11.0 + x), "tip {tip}");
-        assert_eq!(place(2), (1.0 + z, 11.0 + x), "tip {tip}");
-        assert_eq!(place(3), (1.0 + z, 30.0 + x), "tip {tip}");
+        let end = |index: usize| (found[index].curve.end()[2], found[index].curve.end()[0]);
+        assert_eq!(end(1), (20.0 + z, 11.0 + x), "tip {tip}");
+        assert_eq!(end(2), (1.0 + z, 11.0 + x), "tip {tip}");
+        assert_eq!(end(3), (1.0 + z, 30.0 + x), "tip {tip}");
         let Curve::Arc(corner) = found[4].curve else {
             panic!("tip {tip}: {:?}", found[4]);
         };
         assert_eq!(corner.centre_mm(), [z, 30.0 + x], "tip {tip}");
-        assert_eq!(place(5), (-20.0 + z, 31.0 + x), "tip {tip}");
-        assert_eq!(place(6), (-29.0, 30.0), "tip {tip}");
+        assert_eq!(end(5), (-20.0 + z, 31.0 + x), "tip {tip}");
+        assert_eq!(end(6), (-29.0, 30.0), "tip {tip}");
     }
 }
 
@@ -235,22 +235,28 @@ fn outputs_keep_their_position_in_a_contour() {
     let expected = moves(&program("(nothing)"));
     // Each takes effect after the move that ends at X20, as without compensation: the fourth, after the
     // rapid, the entry and the arc of its corner.
-    let before = 4;
+    let moves_before = 4;
     for line in ["M62 P0", "M63 P0", "M64 P0", "M65 P0", "M67 E0 Q1", "M68 E0 Q1"] {
         let actions = run(&program(line)).unwrap_or_else(|error| panic!("{}", error.render("x")));
         let is_output =
             |action: &Action| matches!(action, Action::Output { .. } | Action::AnalogOutput { .. });
-        let place = actions.iter().position(is_output);
-        let ahead = actions[..place.unwrap_or_else(|| panic!("{line}"))].iter();
-        let count = ahead.filter(|action| matches!(action, Action::Move(_))).count();
-        assert_eq!(count, before, "{line}");
+        let index = actions.iter().position(is_output);
+        let preceding = actions[..index.unwrap_or_else(|| panic!("{line}"))].iter();
+        let count = preceding
+            .filter(|action| matches!(action, Action::Move(_)))
+            .count();
+        assert_eq!(count, moves_before, "{line}");
         assert_eq!(moves(&program(line)), expected, "{line}");
     }
     let exact = moves(&program("G61"));
     assert_eq!(exact.len(), expected.len());
     for (index, (left, right)) in exact.iter().zip(&expected).enumerate() {
         assert_eq!(left.curve, right.curve);
-        assert_eq!(left.path_mode == right.path_mode, index < before, "move {index}");
+        assert_eq!(
+            left.path_mode == right.path_mode,
+            index < moves_before,
+            "move {index}"
+        );
     }
 }
 
@@ -306,7 +312,7 @@ fn warnings(program: &str) -> Vec<String> {
 }
 
 #[test]
-fn compensation_without_a_tool_is_warned_of() {
+fn compensation_without_a_tool_is_a_warning() {
     let contour = "G1 X10 F100\nX20\nG40\nM2\n";
     for code in ["G41", "G42"] {
         let found = warnings(&format!("{code}\n{contour}"));

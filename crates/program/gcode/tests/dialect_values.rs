@@ -17,8 +17,8 @@ fn warnings(program: &str) -> Vec<(u32, String)> {
 }
 
 #[test]
-fn system_variables_of_macro_programs_are_told_once() {
-    for (line, means) in [
+fn system_variables_of_macro_programs_are_warned_about_once() {
+    for (line, meaning) in [
         ("G0 Z[#5043+5]", "#5420"),
         ("G10 L2 P1 X[#5221+#5041]", "#5420"),
         ("#1=#5021", "#<_abs_x>"),
@@ -29,7 +29,7 @@ fn system_variables_of_macro_programs_are_told_once() {
         let found =
             warnings(&format!("G0 X1\n{line}\n{line}\nM2\n").replace("\no1 endif\no1", "\no1 endif\no2"));
         assert_eq!(found.len(), 1, "{found:?}");
-        assert!(found[0].0 == 2 && found[0].1.contains(means), "{found:?}");
+        assert!(found[0].0 == 2 && found[0].1.contains(meaning), "{found:?}");
     }
     assert_eq!(
         warnings("#4002=0\no1 while [#4002 LT 3]\n#4002=[#4002+1]\no1 endwhile\nM2\n"),
@@ -49,7 +49,7 @@ fn system_variables_of_macro_programs_are_told_once() {
 }
 
 #[test]
-fn a_peck_in_micrometres_is_told() {
+fn a_peck_in_micrometres_is_a_warning() {
     let hole = |words: &str| warnings(&format!("G21 F100\nG0 Z5\nG83 X1 Z-20 R2 {words}\nG80\nM2\n"));
     let found = hole("Q5000");
     assert_eq!(found.len(), 1, "{found:?}");
@@ -60,7 +60,7 @@ fn a_peck_in_micrometres_is_told() {
 }
 
 #[test]
-fn a_tapping_pitch_as_feed_per_minute_is_warned_of() {
+fn a_tapping_pitch_as_feed_per_minute_is_a_warning() {
     let tap = |words: &str, cycle: &str| {
         let direction = if cycle == "G84" { "M3" } else { "M4" };
         warnings(&format!(
@@ -82,7 +82,7 @@ fn a_tapping_pitch_as_feed_per_minute_is_warned_of() {
 }
 
 #[test]
-fn a_feed_before_the_change_of_its_unit_is_warned_of() {
+fn a_feed_before_a_unit_change_is_a_warning() {
     for (program, found) in [
         (
             "G20\nG21 G1 X10 F500\nM2\n",

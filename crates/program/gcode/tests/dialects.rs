@@ -6,10 +6,10 @@ use crate::interpreted::{errors, interpret};
 use crate::lathe_dialects::on_lathe;
 
 #[test]
-fn other_dialects_are_told_what_to_write_here() {
+fn lines_of_other_dialects_name_their_replacement() {
     // Program, line of the error, meaning of the line, replacement. One error each: no other error follows
     // from it.
-    for (program, line, means, write) in [
+    for (program, line, meaning, replacement) in [
         ("G21\nG05.1 Q1\nG0 X1\n", 2, "quadratic spline", "remove the line"),
         (
             "IF [#1 EQ 1] GOTO 10\nG0 X1\n",
@@ -185,13 +185,16 @@ fn other_dialects_are_told_what_to_write_here() {
             found[0].help.clone().unwrap_or_default()
         );
         assert_eq!(found[0].line, line, "{program}");
-        assert!(text.contains(means) && text.contains(write), "{program}: {text}");
+        assert!(
+            text.contains(meaning) && text.contains(replacement),
+            "{program}: {text}"
+        );
     }
 }
 
 /// Lines of this dialect with an error keep that error.
 #[test]
-fn own_erroneous_lines_are_no_foreign_dialect() {
+fn errors_in_this_dialect_name_no_other() {
     for program in [
         "G18 F1\nG70 Q10 X20 Z1 P2\nM2\n",
         "G18 F1\nG71 Q10 X20 Z1 D1\nM2\n",
@@ -231,7 +234,7 @@ fn valid_words_of_other_dialects_are_accepted() {
 }
 
 #[test]
-fn a_dwell_of_a_thousand_seconds_is_warned_of() {
+fn a_dwell_of_a_thousand_seconds_is_a_warning() {
     let warnings = |program: &str| {
         let (commands, errors) = interpret(program, Settings::default());
         assert!(errors.is_empty(), "{errors:?}");
@@ -253,21 +256,24 @@ fn a_dwell_of_a_thousand_seconds_is_warned_of() {
 }
 
 #[test]
-fn lines_of_other_mills_are_told_what_to_write() {
-    for (text, means, write) in [
+fn lines_of_other_mills_name_their_replacement() {
+    for (text, meaning, replacement) in [
         ("G76 X0 Y0 Z-20 R2 Q0.2 F50", "not fine boring", "M19 R0"),
         ("G17 G2 X10 Y0 I5 J0 K0.000", "K", "delete K0"),
         ("G2 X10 Y0 R1", "", "at least half"),
     ] {
         let found = errors(&format!("G21 F100\n{text}\n"));
         assert_eq!(found.len(), 1, "{text}: {found:?}");
-        let told = format!(
+        let reported = format!(
             "{}; {}",
             found[0].message,
             found[0].help.as_deref().unwrap_or_default()
         );
-        assert!(told.contains(means) && told.contains(write), "{text}: {told}");
-        assert!(!told.contains("G7 "), "{text}: {told}");
+        assert!(
+            reported.contains(meaning) && reported.contains(replacement),
+            "{text}: {reported}"
+        );
+        assert!(!reported.contains("G7 "), "{text}: {reported}");
     }
     let found = errors("%O1000\nG0 X1\nM2\n");
     let help = found[0].help.as_deref().unwrap_or_default();
@@ -288,7 +294,7 @@ fn lines_of_other_mills_are_told_what_to_write() {
 }
 
 #[test]
-fn a_tool_with_its_offset_is_told_how_to_change_it() {
+fn a_tool_word_with_an_offset_names_its_replacement() {
     let settings = Settings {
         features: MachineFeatures {
             lathe: true,
@@ -310,7 +316,7 @@ fn a_tool_with_its_offset_is_told_how_to_change_it() {
 
 /// On other controls G10 L10 P R sets a length; here it sets the radius.
 #[test]
-fn a_tool_length_in_r_is_warned_of() {
+fn a_tool_length_in_r_is_a_warning() {
     let warnings = |line: &str| {
         let (commands, errors) = interpret(&format!("{line}\nM2\n"), Settings::default());
         assert_eq!(errors, [], "{line}");
@@ -344,10 +350,10 @@ fn m19_angle_of_another_dialect_is_a_warning() {
         texts.collect::<Vec<_>>()
     };
     // As in LinuxCNC, S is a speed on every line, and M19 without R turns to 0 degrees.
-    let told = warnings("M19 S90");
+    let reported = warnings("M19 S90");
     assert!(
-        matches!(&told[..], [(2, text)] if text.contains("M19 R90") && text.contains("speed")),
-        "{told:?}"
+        matches!(&reported[..], [(2, text)] if text.contains("M19 R90") && text.contains("speed")),
+        "{reported:?}"
     );
     for line in ["M19", "M19 R90", "M19 R90 S300", "M19 S1500", "S90"] {
         assert_eq!(warnings(line), [], "{line}");

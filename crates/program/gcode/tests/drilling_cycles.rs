@@ -6,7 +6,7 @@ use evolvent_random::{Random, cases};
 use crate::interpreted::interpret;
 
 /// Heights above the work at which rapids move sideways.
-fn heights_across(program: &str, zero: f64) -> Vec<f64> {
+fn heights_across(program: &str, work_zero: f64) -> Vec<f64> {
     let (commands, found) = interpret(program, Settings::default());
     assert!(found.is_empty(), "{program}{found:?}");
     let rapids = commands.iter().filter_map(|command| match &command.action {
@@ -15,7 +15,7 @@ fn heights_across(program: &str, zero: f64) -> Vec<f64> {
     });
     rapids
         .filter(|curve| (curve.end() - curve.start()).rows(0, 2).norm() > 1.0)
-        .map(|curve| curve.end()[2] - zero)
+        .map(|curve| curve.end()[2] - work_zero)
         .collect()
 }
 
@@ -27,12 +27,12 @@ fn g98_after_g99_approaches_at_the_initial_height() {
     for case in 0..cases(300) {
         let r = random.between(0.5, 6.0);
         let r = (r * 1000.0).round() / 1000.0;
-        let [zero, tool] = [(-250.0, -150.0), (20.0, 130.0)]
-            .map(|(least, most)| (random.between(least, most) * 1000.0).round() / 1000.0);
+        let [work_zero, tool] = [(-250.0, -150.0), (20.0, 130.0)]
+            .map(|(min, max)| (random.between(min, max) * 1000.0).round() / 1000.0);
         let offsets = match case % 3 {
-            0 => format!("G10 L2 P1 Z{zero:.3}\nG43.1 Z{tool:.3}\n"),
-            1 => format!("G43.1 Z{tool:.3}\nG92 Z{:.3}\n", -zero),
-            _ => format!("G10 L20 P1 Z{:.3}\nG43.1 Z{tool:.3}\n", -zero),
+            0 => format!("G10 L2 P1 Z{work_zero:.3}\nG43.1 Z{tool:.3}\n"),
+            1 => format!("G43.1 Z{tool:.3}\nG92 Z{:.3}\n", -work_zero),
+            _ => format!("G10 L20 P1 Z{:.3}\nG43.1 Z{tool:.3}\n", -work_zero),
         };
         let cycle = ["G81", "G82 P0.1", "G83 Q2", "G85"][case % 4];
         let program = format!(

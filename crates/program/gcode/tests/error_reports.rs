@@ -30,8 +30,8 @@ fn errors_in_files_of_subroutines_name_the_calls() {
         .collect();
     assert_eq!(calls, [(Some(file("outer.ngc").as_str()), 3), (None, 3)]);
     let shown = found[0].render("main.ngc");
-    for place in ["inner.ngc:3:5", "outer.ngc:3", "called from main.ngc:3"] {
-        assert!(shown.contains(place), "{place} is not in\n{shown}");
+    for position in ["inner.ngc:3:5", "outer.ngc:3", "called from main.ngc:3"] {
+        assert!(shown.contains(position), "{position} is not in\n{shown}");
     }
     // The move carries its origin as well, for consumers that reject it.
     let origin = commands[0].origin.as_ref().unwrap();
@@ -54,7 +54,7 @@ fn calls(error: &Diagnostic) -> Vec<(Option<String>, u32)> {
 }
 
 #[test]
-fn the_whole_chain_of_a_recursion_is_named() {
+fn errors_name_all_calls_of_a_recursion() {
     let program = |depth: u32| {
         format!(
             "o<down> sub\no1 if [#1 GT 1]\no<down> call [#1-1]\no1 else\nG1 X?\no1 endif\no<down> endsub\n\
@@ -68,8 +68,8 @@ fn the_whole_chain_of_a_recursion_is_named() {
         expected.push((None, 8));
         assert_eq!((found[0].line, calls(&found[0])), (5, expected), "{depth}");
         let shown = found[0].render("main.ngc");
-        let told = shown.lines().filter(|line| line.contains("called from")).count();
-        assert_eq!(told, depth.min(2), "{shown}");
+        let reported = shown.lines().filter(|line| line.contains("called from")).count();
+        assert_eq!(reported, depth.min(2), "{shown}");
         assert!(
             depth < 3 || shown.contains(&format!("main.ngc:3, {} calls deep", depth - 1)),
             "{shown}"
@@ -81,7 +81,7 @@ fn the_whole_chain_of_a_recursion_is_named() {
 }
 
 #[test]
-fn an_error_names_the_subroutine_it_ends() {
+fn an_error_that_ends_a_subroutine_names_it() {
     let (library, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let write = |folder: &tempfile::TempDir, name: &str, text: &str| {
         std::fs::write(folder.path().join(name), text).unwrap();
@@ -91,7 +91,7 @@ fn an_error_names_the_subroutine_it_ends() {
         "outer.ngc",
         "o<outer> sub\n\no<inner> call\nG1 Z?\no<outer> endsub\n",
     );
-    // In the other folder; its end has another name, and ends it all the same.
+    // In the other folder; its endsub has another name, but still ends it.
     write(&other, "inner.ngc", "o<inner> sub\nG0 X1\nM70\no<wrong> endsub\n");
     let settings = Settings {
         subroutine_folders: vec![library.path().to_path_buf(), other.path().to_path_buf()],
@@ -122,14 +122,14 @@ fn an_error_names_the_subroutine_it_ends() {
 }
 
 #[test]
-fn loops_of_errors_end_soon_and_say_so() {
+fn loops_of_errors_are_abandoned_with_an_error() {
     for body in ["G1 X?\n", "G1 X?\nG0 X1\nG0 X2\n", "#1=[1/0]\n"] {
-        let begin = Instant::now();
+        let start = Instant::now();
         let found = errors(&format!("o1 repeat [100000000]\n{body}o1 endrepeat\nG0 X?\nM2\n"));
         assert!(
-            begin.elapsed() < Duration::from_secs(10),
+            start.elapsed() < Duration::from_secs(10),
             "{body}: {:?}",
-            begin.elapsed()
+            start.elapsed()
         );
         assert_eq!(found.len(), 2, "{body}: {found:?}");
         assert_eq!((found[0].line, found[1].code), (2, Code::TooManySteps), "{body}");
@@ -161,7 +161,7 @@ fn rendered_errors_have_true_columns() {
 
 /// A rejected move leaves position and mode unknown for the lines after it.
 #[test]
-fn a_refused_move_gives_no_errors_behind_it() {
+fn a_rejected_move_causes_no_further_errors() {
     let cases = [
         // Arcs from the end of a wrong arc, absolute and incremental, in millimetres and inches.
         "G0 X0 Y0\nG1 X10\nG2 X20 Y10 I3 J0\nG2 X30 Y0 I0 J-10\nG1 X0 Y0\nG2 X10 Y10 I10 J0\n",
@@ -184,7 +184,7 @@ fn a_refused_move_gives_no_errors_behind_it() {
 
 /// Errors that an earlier one does not explain are all reported.
 #[test]
-fn errors_of_their_own_are_all_reported() {
+fn independent_errors_are_all_reported() {
     let cases: [(&str, &[u32]); 6] = [
         // The rejected lines do not change the mode.
         ("G1 X0\nG1 X5 Q1\nG1 Z1 E5\nX20 Q2\n", &[3, 4, 5]),
@@ -208,7 +208,7 @@ fn errors_of_their_own_are_all_reported() {
 #[test]
 fn one_wrong_arc_of_a_real_program_is_one_error() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../tests/programs");
-    let mut tried = 0;
+    let mut checked = 0;
     for file in std::fs::read_dir(folder)
         .expect("the programs")
         .filter_map(Result::ok)
@@ -244,10 +244,10 @@ fn one_wrong_arc_of_a_real_program_is_one_error() {
                 continue;
             }
             assert_eq!(at, [index as u32 + 1], "{}: {found:#?}", path.display());
-            tried += 1;
+            checked += 1;
         }
     }
-    assert!(tried > 50, "{tried} arcs");
+    assert!(checked > 50, "{checked} arcs");
 }
 
 #[test]

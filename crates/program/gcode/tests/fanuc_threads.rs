@@ -5,9 +5,9 @@ use evolvent_path::Curve;
 
 /// A thread or rapid: from, to (X radius, Z), path per revolution, angle, position at which the tool is
 /// clear.
-type Way = ([f64; 2], [f64; 2], Option<(f64, f64, Option<f64>)>);
+type PathMove = ([f64; 2], [f64; 2], Option<(f64, f64, Option<f64>)>);
 
-fn read(program: &str, fanuc_threads: bool) -> (Vec<Way>, Vec<Diagnostic>) {
+fn read(program: &str, fanuc_threads: bool) -> (Vec<PathMove>, Vec<Diagnostic>) {
     let settings = Settings {
         features: MachineFeatures {
             fanuc_threads,
@@ -16,15 +16,15 @@ fn read(program: &str, fanuc_threads: bool) -> (Vec<Way>, Vec<Diagnostic>) {
         },
         ..Settings::default()
     };
-    let (mut ways, mut errors) = (Vec::new(), Vec::new());
+    let (mut path_moves, mut errors) = (Vec::new(), Vec::new());
     for command in Interpreter::new(program.as_bytes(), settings) {
-        let place = |curve: &Curve, end: bool| {
+        let point = |curve: &Curve, end: bool| {
             let at = if end { curve.end() } else { curve.start() };
             [at[0], at[2]]
         };
         match command.map(|command| command.action) {
             Ok(Action::Move(motion)) => {
-                ways.push((place(&motion.curve, false), place(&motion.curve, true), None));
+                path_moves.push((point(&motion.curve, false), point(&motion.curve, true), None));
             }
             Ok(Action::Thread {
                 curve,
@@ -32,28 +32,31 @@ fn read(program: &str, fanuc_threads: bool) -> (Vec<Way>, Vec<Diagnostic>) {
                 start_degrees,
                 clear_x,
                 ..
-            }) => ways.push((
-                place(&curve, false),
-                place(&curve, true),
+            }) => path_moves.push((
+                point(&curve, false),
+                point(&curve, true),
                 Some((pitch_mm, start_degrees, clear_x)),
             )),
             Ok(_) => {}
             Err(error) => errors.push(error),
         }
     }
-    (ways, errors)
+    (path_moves, errors)
 }
 
 const HEAD: &str = "G21 G18 G90 G8 G94 S500 M3\nG0 X15 Z5\n";
 
 #[test]
-fn g32_takes_the_lead_of_its_longer_axis() {
+fn g32_leads_along_its_longer_axis() {
     let program = format!("{HEAD}G32 Z-20 F1.5\nX17 Z-22 Q90000\nG0 X20\nM2\n");
-    let (ways, errors) = read(&program, true);
+    let (path_moves, errors) = read(&program, true);
     assert_eq!(errors, []);
     let length = 8.0_f64.sqrt();
-    assert_eq!(ways[1], ([15.0, 5.0], [15.0, -20.0], Some((1.5, 0.0, None))));
-    let (from, to, thread) = ways[2];
+    assert_eq!(
+        path_moves[1],
+        ([15.0, 5.0], [15.0, -20.0], Some((1.5, 0.0, None)))
+    );
+    let (from, to, thread) = path_moves[2];
     assert_eq!((from, to), ([15.0, -20.0], [17.0, -22.0]));
     let (pitch, degrees, _) = thread.unwrap();
     // Both axes move by 2 mm, so each moves by 1.5 mm per revolution.
@@ -64,22 +67,22 @@ fn g32_takes_the_lead_of_its_longer_axis() {
 #[test]
 fn g92_cuts_a_box_per_depth_and_returns() {
     let program = format!("{HEAD}G92 X14.5 Z-20 R-1 F2\nX14.2\nG0 X20\nM2\n");
-    let (ways, errors) = read(&program, true);
+    let (path_moves, errors) = read(&program, true);
     assert_eq!(errors, []);
     // The lead refers to Z, for any taper.
     let taper = 2.0 * 626.0_f64.sqrt() / 25.0;
     for (pass, depth) in [14.5, 14.2].into_iter().enumerate() {
-        let four = &ways[1 + 4 * pass..5 + 4 * pass];
-        assert_eq!(four[0], ([15.0, 5.0], [depth - 1.0, 5.0], None));
-        let (from, to, thread) = four[1];
+        let box_moves = &path_moves[1 + 4 * pass..5 + 4 * pass];
+        assert_eq!(box_moves[0], ([15.0, 5.0], [depth - 1.0, 5.0], None));
+        let (from, to, thread) = box_moves[1];
         assert_eq!((from, to), ([depth - 1.0, 5.0], [depth, -20.0]));
         let (pitch, degrees, clear) = thread.unwrap();
         assert!((pitch - taper).abs() < 1e-12, "{pitch}");
         assert_eq!((degrees, clear), (0.0, Some(15.0)));
-        assert_eq!(four[2], ([depth, -20.0], [15.0, -20.0], None));
-        assert_eq!(four[3], ([15.0, -20.0], [15.0, 5.0], None));
+        assert_eq!(box_moves[2], ([depth, -20.0], [15.0, -20.0], None));
+        assert_eq!(box_moves[3], ([15.0, -20.0], [15.0, 5.0], None));
     }
-    assert_eq!(ways.len(), 10);
+    assert_eq!(path_moves.len(), 10);
 }
 
 #[test]
@@ -92,7 +95,7 @@ fn a_lead_is_no_feed_and_a_feed_no_lead() {
 }
 
 #[test]
-fn what_is_no_thread_is_told_what_to_write() {
+fn invalid_threads_are_rejected_with_advice() {
     for (line, code, part) in [
         ("G92 S2000", Code::WordMissing, "highest spindle speed"),
         ("G92 Z-20 F1", Code::OutOfRange, "X"),
@@ -125,7 +128,7 @@ fn without_the_option_g32_fails_and_g92_offsets() {
             .contains("fanuc_threads"),
         "{errors:?}"
     );
-    let (ways, errors) = read(&format!("{HEAD}G92 X0 Z0\nG0 X1 Z0\nM2\n"), false);
+    let (path_moves, errors) = read(&format!("{HEAD}G92 X0 Z0\nG0 X1 Z0\nM2\n"), false);
     assert_eq!(errors, []);
-    assert_eq!(ways[1].1, [16.0, 5.0]);
+    assert_eq!(path_moves[1].1, [16.0, 5.0]);
 }

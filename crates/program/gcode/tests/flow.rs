@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use evolvent_gcode::{
-    Action, Code, Diagnostic, Interpreter, KeptParameters, MachineFeatures, PathMode, ProgramLimits,
+    Action, Code, Diagnostic, Interpreter, MachineFeatures, PathMode, PersistentParameters, ProgramLimits,
     Settings, SpindleDirection, Tool, ToolChanger, ToolTable,
 };
 use evolvent_path::{Axes, AxisLetter};
@@ -82,7 +82,7 @@ fn an_interrupt_ends_a_program_that_computes() {
 }
 
 #[test]
-fn bodies_take_no_more_memory_than_allowed() {
+fn bodies_respect_the_memory_limit() {
     let settings = Settings {
         limits: ProgramLimits {
             max_body_bytes: 10_000,
@@ -125,14 +125,18 @@ impl Read for Endless<'_> {
 }
 
 #[test]
-fn a_loop_runs_its_first_round_while_it_is_read() {
-    let taken = std::cell::Cell::new(0);
-    let program = std::io::BufReader::with_capacity(600, b"O1 while [1]\nG91\n".chain(Endless(&taken)));
+fn a_loop_executes_its_first_iteration_while_being_read() {
+    let bytes_read = std::cell::Cell::new(0);
+    let program = std::io::BufReader::with_capacity(600, b"O1 while [1]\nG91\n".chain(Endless(&bytes_read)));
     let mut interpreter = Interpreter::new(program, Settings::default());
     for _ in 0..50 {
         assert!(matches!(interpreter.next(), Some(Ok(_))));
     }
-    assert!(taken.get() <= 1200, "{} bytes were read ahead", taken.get());
+    assert!(
+        bytes_read.get() <= 1200,
+        "{} bytes were read ahead",
+        bytes_read.get()
+    );
 }
 
 #[test]
@@ -188,7 +192,7 @@ fn break_and_continue_work_in_all_loops() {
 }
 
 #[test]
-fn an_error_in_a_loop_is_told_once() {
+fn an_error_in_a_loop_is_reported_once() {
     let (_, errors) = interpret(
         "O1 repeat [50]\nG0 X?\nG0 X#1\n#1=[#1+1]\nO1 endrepeat",
         Settings::default(),
@@ -226,7 +230,7 @@ fn parameters_and_tools_can_be_kept_from_run_to_run() {
 
 /// MDI blocks and programs start with the tool of the previous one.
 #[test]
-fn spindle_tool_parameters_are_set_from_line_one() {
+fn tool_parameters_are_set_before_the_first_line() {
     let mut tool = Tool::new(5);
     (tool.offset[2], tool.diameter_mm) = (50.5, 12.0);
     let settings = Settings {
@@ -256,8 +260,10 @@ fn inch_machine_parameters_are_inches_kept_in_mm() {
         tools: Some(ToolTable::new(vec![tool])),
         ..Settings::default()
     };
-    let kept = "5161 25.4\n5164 25.4\n5241 254\n5244 30\n100 25.4\n";
-    KeptParameters::parse(kept).unwrap().apply(&mut settings);
+    let persistent = "5161 25.4\n5164 25.4\n5241 254\n5244 30\n100 25.4\n";
+    PersistentParameters::parse(persistent)
+        .unwrap()
+        .apply(&mut settings);
     for (unit, unit_mm) in [("G20", 25.4), ("G21", 1.0)] {
         let text = format!(
             "{unit}\nG92 X{}\n#200=#5161 #201=#5164 #202=#5403 #203=#5404 #204=#5410 #205=#5241 #206=#5244\n\
@@ -279,8 +285,8 @@ fn inch_machine_parameters_are_inches_kept_in_mm() {
                 200 + index
             );
         }
-        let mut kept = KeptParameters::default();
-        kept.update(&interpreter);
+        let mut persistent = PersistentParameters::default();
+        persistent.update(&interpreter);
         let stored = [
             (5211, -25.4),
             (5221, 76.2),
@@ -290,7 +296,7 @@ fn inch_machine_parameters_are_inches_kept_in_mm() {
             (5390, 8.0),
         ];
         for (number, expected) in stored {
-            let found = kept.get(number).unwrap();
+            let found = persistent.get(number).unwrap();
             assert!((found - expected).abs() < 1e-12, "{unit}: #{number}: {found}");
         }
     }
@@ -305,7 +311,7 @@ fn inch_machine_parameters_are_inches_kept_in_mm() {
 }
 
 #[test]
-fn repeat_counts_hold_at_any_nesting() {
+fn repeat_counts_apply_at_any_nesting() {
     for count in 0..6 {
         let program = format!(
             "#31=0\nO9 sub\nO1 repeat [#1]\nO2 repeat [2]\n#31=[#31+1]\nO2 endrepeat\nO1 endrepeat\n\
@@ -319,10 +325,10 @@ fn repeat_counts_hold_at_any_nesting() {
 }
 
 #[test]
-fn a_restart_leaves_the_state_of_all_lines_before() {
+fn a_restart_has_the_state_of_all_preceding_lines() {
     let program = "G21 G64 P0.05 F600 T2\nM6 S800 M3\nM8 G55\nO1 repeat [3]\nG91 G1 X1\nO1 endrepeat\n\
                    G90 G1 X10\nG0 Y5\nX7\n";
-    let whole: Vec<_> = Interpreter::new(program.as_bytes(), Settings::default())
+    let complete: Vec<_> = Interpreter::new(program.as_bytes(), Settings::default())
         .map(Result::unwrap)
         .collect();
     let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
@@ -349,12 +355,12 @@ fn a_restart_leaves_the_state_of_all_lines_before() {
         "G1 G17 G21 G90 G91.1 G94 G55 G64 P0.05 G99 G8 G40 G49 F600 S800 M3 T2 M8"
     );
     let rest: Vec<_> = interpreter.map(Result::unwrap).collect();
-    let expected: Vec<_> = whole.into_iter().filter(|command| command.line >= 8).collect();
+    let expected: Vec<_> = complete.into_iter().filter(|command| command.line >= 8).collect();
     assert_eq!(rest, expected);
 }
 
 #[test]
-fn a_restart_approach_is_up_over_and_down() {
+fn a_restart_approach_retracts_traverses_and_descends() {
     let program = "G21 F600\nG0 X3 Y4 Z10\nG1 Z-2\nX9\n";
     let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
     let restart = interpreter.start_at(4).unwrap();
@@ -381,33 +387,36 @@ fn a_restart_approach_is_up_over_and_down() {
             ((3.0, 4.0, -2.0), 10.0)
         ]
     );
-    assert_eq!(approach.told.last().unwrap(), "Z to -2.000, at 600.0 mm/min");
+    assert_eq!(
+        approach.descriptions.last().unwrap(),
+        "Z to -2.000, at 600.0 mm/min"
+    );
     // A lathe retracts along X.
     let approach = restart.approach(&Axes::zeros(), AxisLetter::X, 20.0).unwrap();
-    assert_eq!(approach.told[0], "X to 20.000, rapid");
-    assert_eq!(approach.told[1], "Y to 4.000, Z to -2.000, rapid");
+    assert_eq!(approach.descriptions[0], "X to 20.000, rapid");
+    assert_eq!(approach.descriptions[1], "Y to 4.000, Z to -2.000, rapid");
 }
 
 #[test]
-fn a_restart_is_refused_where_it_has_no_meaning() {
-    let refused = |program: &str, line: u32| {
+fn a_restart_without_a_valid_state_is_rejected() {
+    let try_restart = |program: &str, line: u32| {
         let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
         interpreter
             .start_at(line)
             .map_err(|error| (error.code, error.line))
     };
-    assert_eq!(refused("G0 X1\nM2\n", 9).unwrap_err().0, Code::RestartRefused);
+    assert_eq!(try_restart("G0 X1\nM2\n", 9).unwrap_err().0, Code::RestartRefused);
     assert_eq!(
-        refused("F1\nG41.1 D2\nG1 X5\nX9\n", 4).unwrap_err().0,
+        try_restart("F1\nG41.1 D2\nG1 X5\nX9\n", 4).unwrap_err().0,
         Code::RestartRefused
     );
     assert_eq!(
-        refused("G0 X1\nG0 X?\nX3\n", 3),
+        try_restart("G0 X1\nG0 X?\nX3\n", 3),
         Err((Code::UnexpectedCharacter, 2))
     );
-    assert!(refused("G0 X1\nX3\n", 1).is_ok());
+    assert!(try_restart("G0 X1\nX3\n", 1).is_ok());
     // The line of a tool change after a contour, and after tools that were measured in their change.
-    assert!(refused("F1\nG41.1 D2\nG1 X5\nX9\nG40\nG0 Z9\nM5\nM2\n", 7).is_ok());
+    assert!(try_restart("F1\nG41.1 D2\nG1 X5\nX9\nG40\nG0 Z9\nM5\nM2\n", 7).is_ok());
     let settings = Settings {
         features: MachineFeatures {
             tool_change: Some(ToolChanger {
@@ -428,15 +437,15 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
     // An unknown contact: in the program, and in a subroutine.
     let probing = "G0 Z10\nG38.2 Z-40 F100\nG10 L20 P1 Z0\nG0 Z10\n";
     assert_eq!(
-        refused(&format!("{probing}G0 X1\nM2\n"), 5),
+        try_restart(&format!("{probing}G0 X1\nM2\n"), 5),
         Err((Code::RestartRefused, 2))
     );
     let program = format!("o1 sub\n{probing}o1 endsub\no1 call\nG0 X1\nM2\n");
     assert_eq!(
-        refused(&program, 8).map_err(|(code, _)| code),
+        try_restart(&program, 8).map_err(|(code, _)| code),
         Err(Code::RestartRefused)
     );
-    assert!(refused(&format!("{probing}G0 X1\nM2\n"), 2).is_ok());
+    assert!(try_restart(&format!("{probing}G0 X1\nM2\n"), 2).is_ok());
     // Endless loops before the line, with and without commands.
     for body in ["G0 X1\nG0 X0\n", "#1=[#1+1]\n"] {
         let program = format!("O1 while [1]\n{body}O1 endwhile\nG0 X5\n");
@@ -455,7 +464,7 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
 }
 
 #[test]
-fn a_refused_restart_shows_its_line() {
+fn a_rejected_restart_shows_its_line() {
     for (program, line) in [
         ("F1\nG41.1 D2\nG1 X5\nX9\nX10\nG40\n", 4),
         ("F9\nG5.2 X1 Y1 P1 L3\nX2 Y2 P1\nX3 Y1 P1\nG5.3\n", 4),
@@ -475,7 +484,7 @@ fn a_refused_restart_shows_its_line() {
 
 #[test]
 fn restart_in_a_subroutine_suggests_a_line() {
-    let refused = |program: &str, line: u32| {
+    let try_restart = |program: &str, line: u32| {
         let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
         let error = interpreter.start_at(line).expect_err(program);
         assert_eq!(error.code, Code::RestartRefused, "{program}");
@@ -487,7 +496,7 @@ fn restart_in_a_subroutine_suggests_a_line() {
     // It is not reached before its call; inside the call the arguments would be missing.
     let program = "G21\no<hole> sub\nG0 X1\nG0 X#1\no<hole> endsub\no<hole> call [5]\nG0 X9\nM2\n";
     for line in 3..=5 {
-        let (message, help) = refused(program, line);
+        let (message, help) = try_restart(program, line);
         assert!(
             message.contains("O<hole>") && message.contains("starts in line 2"),
             "{message}"
@@ -499,7 +508,7 @@ fn restart_in_a_subroutine_suggests_a_line() {
         assert_eq!(interpreter.start_at(line).map(|restart| restart.line), Ok(line));
     }
     // Fanuc's: after the end of the program.
-    let (message, help) = refused("G21\nM98 P100\nM30\nO100\nG0 X5\nM99\n", 5);
+    let (message, help) = try_restart("G21\nM98 P100\nM30\nO100\nG0 X5\nM99\n", 5);
     assert!(message.contains("ends in line 3, before line 5"), "{message}");
     assert!(help.contains("M98 P"), "{help}");
 }
@@ -507,7 +516,7 @@ fn restart_in_a_subroutine_suggests_a_line() {
 /// A section of a thread starts at the angle at which the previous section ended, not at its own: alone it
 /// would cut beside its groove.
 #[test]
-fn a_restart_inside_a_chain_of_threads_is_refused() {
+fn a_restart_inside_a_chain_of_threads_is_rejected() {
     let program = "G18 G7 S500 M3\nG0 X20 Z10\nG33 Z-10.7 K2\nG33 X28 Z-30 K2\n(a comment)\nG33 Z-40 K2\n\
                    G0 X40\nG0 X20 Z10\nG33 Z-20 K2\nM5\nM2\n";
     let begin = |line: u32| {
@@ -567,7 +576,7 @@ fn an_interpreter_can_be_sent_to_another_thread() {
 }
 
 #[test]
-fn a_restart_leaves_the_outputs_of_all_lines_before() {
+fn a_restart_has_the_outputs_of_all_preceding_lines() {
     let program = "G21 F100\nM64 P1\nM62 P2\nG1 X1\nM65 P1\nM68 E0 Q3\nM67 E1 Q4\nG1 X2\nM2\n";
     let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
     let actions = interpreter.start_at(8).unwrap().actions;
@@ -596,15 +605,15 @@ fn a_restart_leaves_the_outputs_of_all_lines_before() {
 fn m66_is_rejected_in_cutter_compensation() {
     let program = "G21 F100 G41.1 D1\nG1 X10\nM66 P0 L0\nG1 Y10\nG40\nM66 P0 L0\nG1 X0\nM66 P0 L0\nM2\n";
     let commands: Vec<_> = Interpreter::new(program.as_bytes(), Settings::default()).collect();
-    let wrong: Vec<_> = commands
+    let errors: Vec<_> = commands
         .iter()
         .filter_map(|command| command.as_ref().err())
         .collect();
     assert!(
-        wrong
+        errors
             .iter()
             .all(|fault| fault.message.contains("M66 while cutter compensation"))
     );
-    assert!(wrong.iter().any(|fault| fault.line == 3), "{wrong:?}");
-    assert!(wrong.iter().all(|fault| fault.line < 8), "{wrong:?}");
+    assert!(errors.iter().any(|fault| fault.line == 3), "{errors:?}");
+    assert!(errors.iter().all(|fault| fault.line < 8), "{errors:?}");
 }

@@ -8,15 +8,15 @@ use evolvent_gcode::{
 use evolvent_path::{Axes, Curve};
 
 fn commands_with(program: &str, settings: Settings) -> Vec<CanonicalCommand> {
-    let (good, bad): (Vec<_>, Vec<_>) =
+    let (commands, errors): (Vec<_>, Vec<_>) =
         Interpreter::new(program.as_bytes(), settings).partition(Result::is_ok);
-    let shown: Vec<_> = bad
+    let shown: Vec<_> = errors
         .into_iter()
         .filter_map(Result::err)
         .map(|error| error.render("test"))
         .collect();
     assert!(shown.is_empty(), "{}", shown.join("\n"));
-    good.into_iter().filter_map(Result::ok).collect()
+    commands.into_iter().filter_map(Result::ok).collect()
 }
 
 fn actions(program: &str) -> Vec<Action> {
@@ -49,13 +49,13 @@ fn xyz(axes: &Axes) -> [f64; 3] {
     [axes[0], axes[1], axes[2]]
 }
 
-fn near(a: f64, b: f64) -> bool {
+fn is_near(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-9 * (1.0 + b.abs())
 }
 
 #[track_caller]
 fn assert_near(found: f64, expected: f64) {
-    assert!(near(found, expected), "{found} instead of {expected}");
+    assert!(is_near(found, expected), "{found} instead of {expected}");
 }
 
 /// Distances of points of a curve from a centre in the XY plane.
@@ -84,7 +84,7 @@ fn moves_chain_and_keep_axes_that_are_not_named() {
 }
 
 #[test]
-fn nothing_moves_by_nothing_but_modes_stay() {
+fn zero_length_moves_are_omitted_but_modes_persist() {
     assert_eq!(ends("G0 X0 Y0 Z0\nG1 F60\nG91 X0\nX1"), [[1.0, 0.0, 0.0]]);
 }
 
@@ -110,14 +110,14 @@ fn inches_scale_lengths_and_feed_but_no_angles() {
 }
 
 #[test]
-fn a_change_of_units_keeps_the_speed() {
+fn a_unit_change_keeps_the_feed() {
     assert_near(moves("G21 F600\nG20\nG1 X1")[0].feed_mm_s, 10.0);
     // Table 8: F comes before G20 and G21, so it is in the units of the line before.
     assert_near(moves("G20 F600 G1 X1")[0].feed_mm_s, 10.0);
 }
 
 #[test]
-fn uvw_count_for_the_feed_only_where_xyz_rest() {
+fn uvw_determine_the_feed_only_if_xyz_do_not_move() {
     let found = moves("F60 G1 U3 V4 A90\nX1 U0");
     assert_near(found[0].curve.length(), 5.0);
     assert_near(found[0].feed_mm_s, 1.0);
@@ -174,7 +174,7 @@ fn first_axis(program: &str) -> Vec<f64> {
 }
 
 #[test]
-fn work_offsets_are_where_program_zero_lies() {
+fn work_offsets_locate_the_program_zero() {
     assert_eq!(
         first_axis("G0 X0\nG55 X0\nG59.3 X1\nG54 X2"),
         [10.0, 20.0, 91.0, 12.0]
@@ -182,14 +182,14 @@ fn work_offsets_are_where_program_zero_lies() {
 }
 
 #[test]
-fn machine_coordinates_leave_offsets_out_for_one_line() {
+fn g53_ignores_offsets_for_one_line() {
     assert_eq!(first_axis("G92 X100\nG53 G0 X5\nX100"), [5.0, 1.0]);
     // In inches too, and with the motion mode in force.
     assert_eq!(first_axis("G0 X0\nG20\nG53 X2"), [10.0, 50.8]);
 }
 
 #[test]
-fn g92_makes_the_present_point_what_it_says() {
+fn g92_assigns_the_present_position() {
     // Machine 1 is X5 now, so X0 is machine -4.
     assert_eq!(first_axis("G92 X5\nG0 X0"), [-4.0]);
     // Related codes: clear, suspend, restore.
@@ -203,8 +203,8 @@ fn g92_makes_the_present_point_what_it_says() {
     // In inches.
     assert_eq!(first_axis("G20\nG92 X1\nG21\nG0 X25.4\nX26.4"), [2.0]);
     // Axes that are not named keep their offset: Y0 is machine -4.
-    let kept = moves_with("G92 X5 Y5\nG92 X6\nG0 Y0", offsets());
-    assert_eq!(kept[0].curve.end()[1], -4.0);
+    let moved = moves_with("G92 X5 Y5\nG92 X6\nG0 Y0", offsets());
+    assert_eq!(moved[0].curve.end()[1], -4.0);
     // A second G92 is relative to the first.
     assert_eq!(first_axis("G92 X5\nG92 X6\nG0 X6 Y-20\nX7"), [1.0, 2.0]);
 }
@@ -271,7 +271,7 @@ fn inexact_increments_still_make_a_full_circle() {
 }
 
 #[test]
-fn an_arc_s_mode_stays_and_needs_its_centre_each_time() {
+fn arcs_are_modal_but_their_centre_is_not() {
     let found = moves("F60 G3 X10 I5\nX0 I-5\nI5");
     assert_eq!(found.len(), 3);
     assert_near(found[2].curve.length(), 10.0 * std::f64::consts::PI);
@@ -331,8 +331,8 @@ fn arcs_rounded_to_0_01_mm_are_accepted() {
     assert_eq!(xyz(&curve.end()), [8.66, 5.0, 0.0]);
     // LinuxCNC's tolerance is 2 * 0.01 * sqrt(2) = 0.0283 in mm: 0.028 passes, 0.029 not.
     assert_eq!(moves("F60 G2 X20.028 I10").len(), 1);
-    let refused = Interpreter::new(&b"F60 G2 X20.029 I10"[..], Settings::default()).next();
-    assert!(matches!(refused, Some(Err(_))));
+    let rejected = Interpreter::new(&b"F60 G2 X20.029 I10"[..], Settings::default()).next();
+    assert!(matches!(rejected, Some(Err(_))));
     // Large arcs pass by their relative tolerance of 0.1 %, up to a hundred times the absolute.
     assert_eq!(moves("F60 G2 X2000.9 I1000").len(), 1);
 }
@@ -411,7 +411,7 @@ fn involutes_work_in_all_modes() {
 }
 
 #[test]
-fn path_control_rides_on_every_move() {
+fn every_move_has_the_path_control_mode() {
     let modes: Vec<_> = moves("G0 X1\nG61 X2\nG61.1 X3\nG64 X4\nG64 P0.05 Q0.01 X5\nG20 G64 P0.1 X6")
         .iter()
         .map(|step| step.path_mode)
@@ -567,7 +567,7 @@ fn stops_come_last_on_their_line() {
 }
 
 #[test]
-fn block_delete_leaves_lines_out_only_where_it_is_on() {
+fn block_delete_skips_lines_only_when_enabled() {
     let program = " / G0 X1\nG0 X2";
     assert_eq!(moves(program).len(), 1);
     let settings = Settings {
@@ -580,7 +580,7 @@ fn block_delete_leaves_lines_out_only_where_it_is_on() {
 }
 
 #[test]
-fn codes_that_cancel_what_is_never_on_are_accepted() {
+fn cancelling_codes_of_inactive_modes_are_accepted() {
     assert_eq!(
         actions("G17 G21 G40 G49 G54 G80 G90 G94 G97"),
         [Action::ProgramEnd]
@@ -588,7 +588,7 @@ fn codes_that_cancel_what_is_never_on_are_accepted() {
 }
 
 #[test]
-fn leading_zeros_and_decimals_of_codes_mean_nothing() {
+fn codes_ignore_leading_zeros_and_trailing_decimals() {
     assert_eq!(
         ends("N0010 G00 X01.\nG01.0 F60 X+2"),
         [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
@@ -668,7 +668,7 @@ fn a_tool_is_measured_in_a_rotated_system() {
 }
 
 #[test]
-fn a_half_in_the_count_of_repeat_is_rounded_to_even() {
+fn repeat_counts_round_half_to_even() {
     for (count, moves) in [("2.5", 2), ("1.5", 2), ("0.5", 0), ("3.5", 4), ("2.6", 3)] {
         let program = format!("G91\nO1 repeat [{count}]\nG0 X1\nO1 endrepeat");
         assert_eq!(ends(&program).len(), moves, "{count}");

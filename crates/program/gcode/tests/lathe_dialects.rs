@@ -4,10 +4,10 @@ use evolvent_gcode::{Action, MachineFeatures, Settings};
 
 use crate::interpreted::interpret;
 
-pub(crate) type Told = Vec<(u32, String)>;
+pub(crate) type Messages = Vec<(u32, String)>;
 
 /// Warnings and errors of a program on a lathe: line and text, with the help of errors.
-pub(crate) fn on_lathe(program: &str) -> (Told, Told) {
+pub(crate) fn on_lathe(program: &str) -> (Messages, Messages) {
     let settings = Settings {
         block_delete: false,
         axes: std::array::from_fn(|axis| matches!(axis, 0 | 2)),
@@ -30,7 +30,7 @@ pub(crate) fn on_lathe(program: &str) -> (Told, Told) {
 }
 
 #[test]
-fn lines_of_other_lathes_are_not_misread() {
+fn lines_of_other_lathes_are_errors_or_warnings() {
     // Program, whether it is an error, line, parts of the message.
     let start = "G18 G21 G0 X40 Z2\n";
     for (text, is_error, line, parts) in [
@@ -145,7 +145,7 @@ fn lines_of_other_lathes_are_not_misread() {
 }
 
 #[test]
-fn lines_of_this_dialect_on_a_lathe_are_not_warned_of() {
+fn lines_of_this_dialect_cause_no_warning_on_a_lathe() {
     for text in [
         "G90 G0 X28 Z-20\nG90 G1 X28 Z-20 F100\nG90 X20\nG90\nX30 Z2\n",
         "G94 F100\nG1 X28 Z-20\nG94 G1 X2 Z2\n",
@@ -174,10 +174,10 @@ fn lines_of_this_dialect_on_a_lathe_are_not_warned_of() {
 }
 
 #[test]
-fn lines_of_other_controls_are_told_what_to_write() {
+fn lines_of_other_controls_name_their_replacement() {
     // Text of the line, its meaning, the replacement. On a lathe in G18, and on a mill unless the replacement
     // is for lathes.
-    for (text, means, write) in [
+    for (text, meaning, replacement) in [
         (
             "G83 Z-20 R2 Q5 F100",
             "G83 drills along Y in G18",
@@ -239,7 +239,7 @@ fn lines_of_other_controls_are_told_what_to_write() {
         let (_, errors) = on_lathe(&format!("G18 G21 S100 M3 F100\n{text}\n"));
         assert_eq!(errors.len(), 1, "{text}: {errors:?}");
         assert_eq!(errors[0].0, 2, "{text}: {errors:?}");
-        for part in [means, write] {
+        for part in [meaning, replacement] {
             assert!(
                 errors[0].1.contains(part),
                 "{text}: {part:?} is not in {errors:?}"

@@ -11,7 +11,7 @@ use crate::rs274;
 /// Folders whose programs need external configuration: remapped codes, panels, machines.
 const CONFIGURED: [&str; 4] = ["remap", "gladevcp", "macros", "plasmac"];
 /// A release has about 400; with far fewer, some were lost.
-const FEWEST: usize = 300;
+const MIN_PROGRAMS: usize = 300;
 
 fn collect_programs(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in folder.read_dir().expect("a folder") {
@@ -28,7 +28,7 @@ fn collect_programs(folder: &Path, found: &mut Vec<PathBuf>) {
 }
 
 #[test]
-fn programs_of_linuxcnc_do_here_what_they_do_there() {
+fn linuxcnc_programs_match_rs274() {
     let Some(folder) = rs274::linuxcnc() else { return };
     let mut programs = Vec::new();
     for part in ["tests", "nc_files"] {
@@ -41,7 +41,7 @@ fn programs_of_linuxcnc_do_here_what_they_do_there() {
             .any(|word| name.to_string_lossy().contains(word))
     });
     programs.sort();
-    assert!(programs.len() >= FEWEST, "only {} programs", programs.len());
+    assert!(programs.len() >= MIN_PROGRAMS, "only {} programs", programs.len());
     let [known, earlier] =
         ["linuxcnc-programs.known", "linuxcnc-programs.earlier"].map(|name| rs274::tools().join(name));
     let options = [

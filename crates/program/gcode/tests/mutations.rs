@@ -178,27 +178,27 @@ const DICTIONARY: &[&str] = &[
 /// Damages a program at a few positions.
 fn damage(program: &mut Vec<u8>, other: &[u8], random: &mut Random) {
     for _ in 0..=random.below(4) {
-        let place = random.below(program.len() + 1);
+        let position = random.below(program.len() + 1);
         match random.below(9) {
             0 => {
-                if let Some(byte) = program.get_mut(place) {
+                if let Some(byte) = program.get_mut(position) {
                     *byte ^= 1 << random.below(8);
                 }
             }
-            1 if place < program.len() => drop(program.remove(place)),
+            1 if position < program.len() => drop(program.remove(position)),
             2 => {
-                let end = (place + random.below(30)).min(program.len());
-                drop(program.drain(place..end));
+                let end = (position + random.below(30)).min(program.len());
+                drop(program.drain(position..end));
             }
             3 => {
                 // A piece of another program.
                 let from = random.below(other.len());
                 let to = (from + random.below(80)).min(other.len());
-                drop(program.splice(place..place, other[from..to].iter().copied()));
+                drop(program.splice(position..position, other[from..to].iter().copied()));
             }
             4 => {
                 // A line twice.
-                let start = program[..place]
+                let start = program[..position]
                     .iter()
                     .rposition(|byte| *byte == b'\n')
                     .map_or(0, |at| at + 1);
@@ -211,7 +211,7 @@ fn damage(program: &mut Vec<u8>, other: &[u8], random: &mut Random) {
             }
             5 => {
                 // Another digit.
-                if let Some(byte) = program.get_mut(place)
+                if let Some(byte) = program.get_mut(position)
                     && byte.is_ascii_digit()
                 {
                     *byte = b'0' + random.below(10) as u8;
@@ -219,7 +219,7 @@ fn damage(program: &mut Vec<u8>, other: &[u8], random: &mut Random) {
             }
             _ => {
                 let word = DICTIONARY[random.below(DICTIONARY.len())];
-                drop(program.splice(place..place, word.bytes()));
+                drop(program.splice(position..position, word.bytes()));
             }
         }
     }
@@ -257,12 +257,12 @@ fn check(program: &[u8], settings: &Settings) -> Option<String> {
                 }
                 position = curve.end();
                 let middle = curve.jet(0.5 * curve.domain());
-                let sound = curve.length() > 0.0
+                let is_valid = curve.length() > 0.0
                     && position
                         .iter()
                         .chain(middle.position.iter())
                         .all(|value| value.is_finite());
-                if !sound {
+                if !is_valid {
                     return Some(format!("line {}: a curve that is none", command.line));
                 }
             }

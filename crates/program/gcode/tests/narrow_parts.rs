@@ -8,7 +8,7 @@ use evolvent_random::Random;
 use crate::cutters::{TOOLS, run};
 
 /// Lines of warnings about contours that are too close to themselves, and the lines that they name.
-fn near(program: &str) -> Vec<(u32, u32)> {
+fn reported_pairs(program: &str) -> Vec<(u32, u32)> {
     let settings = Settings {
         tools: Some(ToolTable::parse(TOOLS).unwrap_or_else(|error| panic!("{error}"))),
         ..Settings::default()
@@ -65,7 +65,7 @@ fn a_narrow_throat_is_reported_with_both_lines() {
     for side in ["G42.1", "G41.1"] {
         let (before, after) = ("G0 X0 Y0", "G40 X0 Y0");
         for (width, tool) in [(8.0, 10.0), (9.9, 10.0), (0.1, 10.0)] {
-            let found = near(&throat(width, tool, side, before, after));
+            let found = reported_pairs(&throat(width, tool, side, before, after));
             assert_eq!(found.len(), 1, "{side} {width}: {found:?}");
             let (path, edge) = found[0];
             // The walls of the throat, one line beside the other's.
@@ -78,16 +78,16 @@ fn a_narrow_throat_is_reported_with_both_lines() {
         }
         for (width, tool) in [(10.0, 10.0), (10.5, 10.0), (8.0, 7.9)] {
             assert_eq!(
-                near(&throat(width, tool, side, before, after)),
+                reported_pairs(&throat(width, tool, side, before, after)),
                 [],
                 "{side} {width}"
             );
         }
         // The same at another height; the approach to the contour may be crossed.
-        let found = near(&throat(8.0, 10.0, side, "G0 X0 Y0\nG0 Z-3", "X0 Y0\nG40 X5"));
+        let found = reported_pairs(&throat(8.0, 10.0, side, "G0 X0 Y0\nG0 Z-3", "X0 Y0\nG40 X5"));
         assert_eq!(found.len(), 1, "{side}");
         assert_eq!(
-            near(&throat(12.0, 10.0, side, before, "X0 Y-10\nX-5 Y0\nG40 X5")),
+            reported_pairs(&throat(12.0, 10.0, side, before, "X0 Y-10\nX-5 Y0\nG40 X5")),
             [],
             "{side}"
         );
@@ -125,11 +125,11 @@ fn a_narrow_throat_is_found_in_thousands_of_chords() {
     for side in ["G42.1", "G41.1"] {
         let program =
             |width: f64, chord: f64| in_chords(&throat(width, 10.0, side, "G0 X0 Y0", "G40 X0 Y0"), chord);
-        for (chord, least) in [(0.1, 2000), (0.02, 10_000)] {
+        for (chord, min_lines) in [(0.1, 2000), (0.02, 10_000)] {
             let narrow = program(8.0, chord);
-            assert!(narrow.lines().count() > least);
-            assert_eq!(near(&narrow).len(), 1, "{side} {chord}");
-            assert_eq!(near(&program(10.5, chord)), [], "{side} {chord}");
+            assert!(narrow.lines().count() > min_lines);
+            assert_eq!(reported_pairs(&narrow).len(), 1, "{side} {chord}");
+            assert_eq!(reported_pairs(&program(10.5, chord)), [], "{side} {chord}");
         }
         // Longer ones are not searched, which is said once.
         let settings = Settings {
@@ -147,7 +147,7 @@ fn a_narrow_throat_is_found_in_thousands_of_chords() {
 
 /// A disc in many moves takes about as long in arcs as in chords: only nearby moves are compared.
 #[test]
-fn thousands_of_arcs_take_about_as_long_as_chords() {
+fn thousands_of_arcs_cost_about_as_much_as_chords() {
     let seconds = |is_arc: bool| {
         let radius = 80.0;
         let mut text = "G21 G90 F300\nG0 X110 Y-30\nG42.1 D10\nG1 X80 Y-10\nG1 X80 Y0\n".to_owned();
@@ -167,7 +167,7 @@ fn thousands_of_arcs_take_about_as_long_as_chords() {
         }
         text.push_str("G1 X80 Y10\nG40 G1 X110 Y30\nM2\n");
         let begin = std::time::Instant::now();
-        assert_eq!(near(&text), [], "arcs: {is_arc}");
+        assert_eq!(reported_pairs(&text), [], "arcs: {is_arc}");
         begin.elapsed().as_secs_f64()
     };
     let (chords, arcs) = (seconds(false), seconds(true));
@@ -188,13 +188,13 @@ fn an_island_too_close_to_the_wall_is_reported() {
     };
     // The pocket's path into the island and the island's into the pocket, twice.
     assert_eq!(
-        near(&program(9.0, -1.0, 39.5)),
+        reported_pairs(&program(9.0, -1.0, 39.5)),
         [(17, 7), (7, 17), (24, 17), (17, 24)]
     );
-    assert_eq!(near(&program(10.2, -1.0, 40.0)), []);
+    assert_eq!(reported_pairs(&program(10.2, -1.0, 40.0)), []);
     // The same pocket again, 0.5 inside: not an edge of the part, whatever it crosses.
-    assert_eq!(near(&program(12.0, -1.0, 39.5)), []);
-    assert_eq!(near(&program(9.0, -5.0, 39.5)), []);
+    assert_eq!(reported_pairs(&program(12.0, -1.0, 39.5)), []);
+    assert_eq!(reported_pairs(&program(9.0, -5.0, 39.5)), []);
 }
 
 /// A closed contour about the origin, its program, and its points at most 0.15 apart.
@@ -205,8 +205,8 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
     let mut points: Vec<[f64; 2]> = (0..corners)
         .map(|k| {
             let angle = std::f64::consts::TAU * (k as f64 + random.between(-0.3, 0.3)) / corners as f64;
-            let far = random.between(8.0, 45.0);
-            [far * angle.cos(), far * angle.sin()]
+            let distance = random.between(8.0, 45.0);
+            [distance * angle.cos(), distance * angle.sin()]
         })
         .collect();
     if clockwise {
@@ -217,19 +217,22 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
     let middle = [0.5 * (first[0] + second[0]), 0.5 * (first[1] + second[1])];
     points.push(first);
     points.push(middle);
-    let along = [second[0] - first[0], second[1] - first[1]];
-    let size = along[0].hypot(along[1]);
-    let along = along.map(|value| value / size);
+    let tangent = [second[0] - first[0], second[1] - first[1]];
+    let size = tangent[0].hypot(tangent[1]);
+    let tangent = tangent.map(|value| value / size);
     let is_left = random.unit() < 0.5;
     let side = if is_left { 1.0 } else { -1.0 };
-    let aside = [-side * along[1], side * along[0]];
-    let near = |a: f64, b: f64| {
+    let normal = [-side * tangent[1], side * tangent[0]];
+    let reported_pairs = |a: f64, b: f64| {
         [
-            middle[0] + a * aside[0] - b * along[0],
-            middle[1] + a * aside[1] - b * along[1],
+            middle[0] + a * normal[0] - b * tangent[0],
+            middle[1] + a * normal[1] - b * tangent[1],
         ]
     };
-    let (start, lead) = (near(6.0 * radius, 2.0 * radius), near(3.0 * radius, 3.0 * radius));
+    let (start, lead) = (
+        reported_pairs(6.0 * radius, 2.0 * radius),
+        reported_pairs(3.0 * radius, 3.0 * radius),
+    );
     let word = if is_left { "G41.1" } else { "G42.1" };
     let mut text = format!(
         "G21 F600\nG0 X{} Y{}\n{word} D{}\nG1 X{} Y{}\nG1 X{} Y{}\n",
@@ -244,18 +247,18 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
     let mut outline = vec![middle];
     let mut at = middle;
     for (index, to) in points.iter().enumerate().skip(1) {
-        let way = [to[0] - at[0], to[1] - at[1]];
-        let chord = way[0].hypot(way[1]);
+        let delta = [to[0] - at[0], to[1] - at[1]];
+        let chord = delta[0].hypot(delta[1]);
         let is_arc = index > 1 && index + 1 < points.len() && random.unit() < 0.4;
         if is_arc {
             // The centre is beside the middle of the chord.
-            let off = random.between(0.3, 2.0) * chord * if random.unit() < 0.5 { 1.0 } else { -1.0 };
+            let offset = random.between(0.3, 2.0) * chord * if random.unit() < 0.5 { 1.0 } else { -1.0 };
             let centre = [
-                at[0] + 0.5 * way[0] - off * way[1] / chord,
-                at[1] + 0.5 * way[1] + off * way[0] / chord,
+                at[0] + 0.5 * delta[0] - offset * delta[1] / chord,
+                at[1] + 0.5 * delta[1] + offset * delta[0] / chord,
             ];
             // The shorter arc: counter-clockwise with the centre on the left.
-            let word = if off > 0.0 { "G3" } else { "G2" };
+            let word = if offset > 0.0 { "G3" } else { "G2" };
             text.push_str(&format!(
                 "{word} X{} Y{} I{} J{}\n",
                 to[0],
@@ -265,7 +268,8 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
             ));
             let angle = |point: &[f64; 2]| (point[1] - centre[1]).atan2(point[0] - centre[0]);
             let (from, size) = (angle(&at), (at[0] - centre[0]).hypot(at[1] - centre[1]));
-            let sweep = (off.signum() * (angle(to) - from)).rem_euclid(std::f64::consts::TAU) * off.signum();
+            let sweep =
+                (offset.signum() * (angle(to) - from)).rem_euclid(std::f64::consts::TAU) * offset.signum();
             let steps = (sweep.abs() * size / 0.15).ceil();
             for step in 1..=steps as u32 {
                 let angle = from + sweep * f64::from(step) / steps;
@@ -277,7 +281,7 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
         }
         at = *to;
     }
-    let out = near(6.0 * radius, 0.0);
+    let out = reported_pairs(6.0 * radius, 0.0);
     text.push_str(&format!("G40 G1 X{} Y{}\nM2\n", out[0], out[1]));
     (text, radius, outline)
 }
@@ -285,15 +289,15 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
 /// Distance of a point from a polyline.
 fn distance_to(outline: &[[f64; 2]], point: [f64; 2]) -> f64 {
     let squares = outline.windows(2).map(|ends| {
-        let way = [ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]];
+        let chord = [ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]];
         let to = [point[0] - ends[0][0], point[1] - ends[0][1]];
-        let square = way[0] * way[0] + way[1] * way[1];
+        let square = chord[0] * chord[0] + chord[1] * chord[1];
         let at = if square > 0.0 {
-            ((to[0] * way[0] + to[1] * way[1]) / square).clamp(0.0, 1.0)
+            ((to[0] * chord[0] + to[1] * chord[1]) / square).clamp(0.0, 1.0)
         } else {
             0.0
         };
-        (to[0] - at * way[0]).powi(2) + (to[1] - at * way[1]).powi(2)
+        (to[0] - at * chord[0]).powi(2) + (to[1] - at * chord[1]).powi(2)
     });
     squares.fold(f64::INFINITY, f64::min).sqrt()
 }
@@ -378,24 +382,24 @@ fn a_second_lap_is_not_compared_with_the_first() {
     let program = |second: &str| {
         format!("G21 G90 G17\nT3 M6\nG0 X-20 Y-20\nF1000\nG41 D3 G1 X0\n{lap}{second}X-20\nG40 X-40\nM2\n")
     };
-    assert_eq!(near(&program("Y50\nX70\nX80 Y40\nY0\n")), []);
-    assert_eq!(near(&program("Y50\nX80\nY0\n")), []);
+    assert_eq!(reported_pairs(&program("Y50\nX70\nX80 Y40\nY0\n")), []);
+    assert_eq!(reported_pairs(&program("Y50\nX80\nY0\n")), []);
     // The move away still counts: it crosses the part.
-    assert_ne!(near(&program("Y50\nX40\nX40 Y20\n")), []);
+    assert_ne!(reported_pairs(&program("Y50\nX40\nX40 Y20\n")), []);
 }
 
 #[test]
 fn random_open_contours_report_sampled_cuts() {
     let mut random = Random::mixed(20_261_124);
-    let (mut cut, mut clean, mut refused) = (0, 0, 0);
+    let (mut cut, mut clean, mut rejected) = (0, 0, 0);
     for _ in 0..2000 {
         let (program, radius, pieces) = random_open_contour(&mut random);
         let Ok(actions) = run(&program) else {
-            refused += 1;
+            rejected += 1;
             continue;
         };
         let steps = moves_beside(&actions);
-        let warned = actions.iter().any(|action| matches!(action, Action::Warning(_)));
+        let is_warned = actions.iter().any(|action| matches!(action, Action::Warning(_)));
         let depth = |pieces: &[Vec<[f64; 2]>]| {
             let distance = min_distance(&steps, |point| {
                 let distances = pieces.iter().map(|piece| distance_to(piece, point));
@@ -404,51 +408,55 @@ fn random_open_contours_report_sampled_cuts() {
             radius - distance
         };
         // The last edge and the arcs before it may lead away as far as the program shows.
-        let away = pieces
+        let lead_out = pieces
             .iter()
             .rev()
             .skip(1)
             .take_while(|piece| piece.len() > 2)
             .count();
-        let there = pieces.iter().skip(1).take_while(|piece| piece.len() > 2).count();
-        let sure = &pieces[1 + there..pieces.len() - 1 - away];
-        if depth(sure) > 0.02 + 0.002 * radius {
-            assert!(warned, "{} deep without a warning\n{program}", depth(sure));
+        let lead_in = pieces.iter().skip(1).take_while(|piece| piece.len() > 2).count();
+        let certain_edges = &pieces[1 + lead_in..pieces.len() - 1 - lead_out];
+        if depth(certain_edges) > 0.02 + 0.002 * radius {
+            assert!(
+                is_warned,
+                "{} deep without a warning\n{program}",
+                depth(certain_edges)
+            );
             cut += 1;
         } else if depth(&pieces[1..]) < 0.005 {
-            assert!(!warned, "nothing is cut\n{program}");
+            assert!(!is_warned, "nothing is cut\n{program}");
             clean += 1;
         }
     }
     assert!(
         cut > 100 && clean > 100,
-        "{cut} cut, {clean} clean, {refused} refused"
+        "{cut} cut, {clean} clean, {rejected} refused"
     );
 }
 
 #[test]
 fn random_closed_contours_report_sampled_cuts() {
     let mut random = Random::mixed(20_261_123);
-    let (mut cut, mut clean, mut refused) = (0, 0, 0);
+    let (mut cut, mut clean, mut rejected) = (0, 0, 0);
     for _ in 0..1000 {
         let (program, radius, outline) = random_contour(&mut random);
         let Ok(actions) = run(&program) else {
-            refused += 1;
+            rejected += 1;
             continue;
         };
         let steps = moves_beside(&actions);
-        let warned = actions.iter().any(|action| matches!(action, Action::Warning(_)));
+        let is_warned = actions.iter().any(|action| matches!(action, Action::Warning(_)));
         let depth = radius - min_distance(&steps, |point| distance_to(&outline, point));
         if depth > 0.02 + 0.002 * radius {
-            assert!(warned, "{depth} deep without a warning\n{program}");
+            assert!(is_warned, "{depth} deep without a warning\n{program}");
             cut += 1;
         } else if depth < 0.005 {
-            assert!(!warned, "nothing is cut\n{program}");
+            assert!(!is_warned, "nothing is cut\n{program}");
             clean += 1;
         }
     }
     assert!(
         cut > 100 && clean > 100,
-        "{cut} cut, {clean} clean, {refused} refused"
+        "{cut} cut, {clean} clean, {rejected} refused"
     );
 }

@@ -13,10 +13,10 @@ fn only_error(program: &str) -> Diagnostic {
 }
 
 /// A program with one mistake, the line of its only error, and parts of the message.
-fn is_one_error(program: &str, line: u32, named: &[&str]) {
+fn is_one_error(program: &str, line: u32, expected_parts: &[&str]) {
     let error = only_error(program);
     assert_eq!(error.line, line, "{program}: {error:?}");
-    for words in named {
+    for words in expected_parts {
         assert!(error.message.contains(words), "{program}: {}", error.message);
     }
 }
@@ -37,9 +37,9 @@ fn an_endsub_of_another_name_is_one_error_in_its_line() {
 
 #[test]
 fn an_extra_endsub_is_one_error() {
-    let named = ["O<b> endsub", "O<a> sub of line 1", "ends in line 4"];
+    let expected_parts = ["O<b> endsub", "O<a> sub of line 1", "ends in line 4"];
     let program = "o<a> sub\nG1 F100 X1\no<b> endsub\no<a> endsub\no<a> call\nM2\n";
-    is_one_error(program, 3, &named);
+    is_one_error(program, 3, &expected_parts);
     let (commands, _) = interpret(
         "o<a> sub\no<b> endsub\nG0 X1\no<a> endsub\no<a> call\nM2\n",
         Settings::default(),
@@ -56,13 +56,17 @@ fn an_extra_endsub_is_one_error() {
 
 #[test]
 fn a_subroutine_inside_another_is_one_error() {
-    let named = ["O<b> sub", "O<a> sub of line 1"];
-    for rest in [
+    let expected_parts = ["O<b> sub", "O<a> sub of line 1"];
+    for remainder in [
         "o<a> endsub\no<b> endsub\no<a> call\nM2\n",
         "o<b> endsub\nG0 X2\no<a> endsub\no<a> call\nM2\n",
         "o<b> endsub\no<a> endsub\no<a> call\no<b> call\nM2\n",
     ] {
-        is_one_error(&format!("o<a> sub\no<b> sub\nG0 X1\n{rest}"), 2, &named);
+        is_one_error(
+            &format!("o<a> sub\no<b> sub\nG0 X1\n{remainder}"),
+            2,
+            &expected_parts,
+        );
     }
     let called_before = "o<a> call\nM2\no<a> sub\no<b> sub\nG0 X1\no<a> endsub\no<b> endsub\n";
     is_one_error(called_before, 4, &["O<b> sub", "O<a>"]);
@@ -70,10 +74,10 @@ fn a_subroutine_inside_another_is_one_error() {
 
 #[test]
 fn a_forgotten_endsub_is_one_error_at_the_next_sub() {
-    let named = ["O<a> endsub is missing", "O<a> sub starts in line 1"];
+    let expected_parts = ["O<a> endsub is missing", "O<a> sub starts in line 1"];
     let two = "o<a> sub\nG0 X1\no<b> sub\nG0 X2\no<b> endsub\n";
-    is_one_error(&format!("{two}o<a> call\no<b> call\nM2\n"), 3, &named);
-    is_one_error(two, 3, &named);
+    is_one_error(&format!("{two}o<a> call\no<b> call\nM2\n"), 3, &expected_parts);
+    is_one_error(two, 3, &expected_parts);
     is_one_error(
         &format!("o<a> call\no<b> call\nM2\n{two}"),
         6,
@@ -94,12 +98,16 @@ fn open_blocks_at_the_end_name_word_and_line() {
         ("o1 sub", "endsub"),
     ] {
         let begin = block.split(' ').nth(1).unwrap();
-        for rest in ["", "\n", "\nG0 X2", "\nG0 X2\n"] {
-            let error = only_error(&format!("%\nG21 F100\nG1 X1\n{block}{rest}"));
+        for remainder in ["", "\n", "\nG0 X2", "\nG0 X2\n"] {
+            let error = only_error(&format!("%\nG21 F100\nG1 X1\n{block}{remainder}"));
             let what = format!("O<1> {end} is missing: O<1> {begin} starts in line 4");
             assert!(error.message.contains(&what), "{block:?}: {}", error.message);
-            let last = if rest.len() > 1 { (5, "G0 X2") } else { (4, block) };
-            assert_eq!((error.line, &*error.source), last, "{block:?} {rest:?}");
+            let last = if remainder.len() > 1 {
+                (5, "G0 X2")
+            } else {
+                (4, block)
+            };
+            assert_eq!((error.line, &*error.source), last, "{block:?} {remainder:?}");
         }
     }
 }
@@ -108,7 +116,7 @@ fn open_blocks_at_the_end_name_word_and_line() {
 fn open_mdi_blocks_name_no_earlier_line() {
     for block in ["o1 while [1]", "o1 if [1]", "o1 repeat [0]", "o1 sub"] {
         let settings = Settings {
-            is_block: true,
+            is_mdi: true,
             ..Settings::default()
         };
         let (_, errors) = interpret(&format!("G21\nG90\nG0\n{block}\n\n"), settings);
@@ -164,15 +172,15 @@ fn an_end_with_the_wrong_number_is_one_error() {
 }
 
 #[test]
-fn the_outermost_loop_is_known_while_it_runs() {
+fn the_outermost_loop_is_reported_during_execution() {
     let program = "G0 X2\no1 while [1]\no2 repeat [3]\nG0 X1\nG0 X0\no2 endrepeat\no1 endwhile\n";
     let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
     assert_eq!(interpreter.next().unwrap().unwrap().line, 1);
     assert_eq!(interpreter.outermost_loop(), None);
     for _ in 0..20 {
         let _command = interpreter.next().unwrap().unwrap();
-        let place = interpreter.outermost_loop().unwrap();
-        assert_eq!((place.file, place.line), (None, 2));
+        let start = interpreter.outermost_loop().unwrap();
+        assert_eq!((start.file, start.line), (None, 2));
     }
 }
 
@@ -215,7 +223,7 @@ fn a_file_without_its_subroutine_is_named() {
 #[test]
 fn percent_in_an_open_block_is_an_error() {
     // A block that is open at the % lacks its end, whether its lines are executed, skipped or collected.
-    for (open, named) in [
+    for (open, expected_parts) in [
         ("#1=0\no100 while [#1 LT 3]\n#1=[#1+1]\n", "O<100> endwhile"),
         ("#1=0\no100 while [#1 GT 3]\n#1=[#1+1]\n", "O<100> endwhile"),
         ("#1=0\no100 do\n#1=[#1+1]\n", "O<100> while"),
@@ -223,7 +231,7 @@ fn percent_in_an_open_block_is_an_error() {
         ("#1=0\no100 if [#1 EQ 0]\n#1=1\n", "O<100> endif"),
         ("#1=0\no100 if [#1 NE 0]\n#1=1\n", "O<100> endif"),
     ] {
-        is_one_error(&format!("%\n{open}%\n"), 5, &["the text ends", named]);
+        is_one_error(&format!("%\n{open}%\n"), 5, &["the text ends", expected_parts]);
     }
     is_one_error("%\no100 sub\n#1=1\n%\n", 3, &["the text ends", "O<100> endsub"]);
     // If all blocks are complete, the % ends the program, and the lines after it are not read.
@@ -254,7 +262,7 @@ fn warnings(program: &str, settings: Settings) -> Vec<(u32, String)> {
 }
 
 #[test]
-fn what_is_open_at_m2_and_never_ends_is_warned_of() {
+fn unclosed_blocks_at_m2_are_a_warning() {
     // LinuxCNC executes each of these programs to its M2.
     for (block, end) in [
         ("o1 while [1]", "endwhile"),
@@ -265,22 +273,22 @@ fn what_is_open_at_m2_and_never_ends_is_warned_of() {
         let begin = block.split(' ').nth(1).unwrap();
         // A repeated number is another block.
         let another = "o1 repeat [2]\nG0 X3\no1 endrepeat\no1 if [1]\no1 endif\n";
-        for rest in [
+        for remainder in [
             "",
             "G0 X2\nM2\n",
             &format!("{block}\n{another}"),
             "%\no1 endif\no1 endwhile\n",
         ] {
-            let percent = if rest.starts_with('%') { "%" } else { "" };
+            let percent = if remainder.starts_with('%') { "%" } else { "" };
             let found = warnings(
-                &format!("{percent}\nG0 X0\n{block}\nG0 X1 M2\n{rest}"),
+                &format!("{percent}\nG0 X0\n{block}\nG0 X1 M2\n{remainder}"),
                 Settings::default(),
             );
             let [(4, text)] = &found[..] else {
-                panic!("{block:?} {rest:?}: {found:?}")
+                panic!("{block:?} {remainder:?}: {found:?}")
             };
-            let named = format!("O<1> {begin} of line 3, because O<1> {end} is missing");
-            assert!(text.contains(&named), "{text}");
+            let expected_parts = format!("O<1> {begin} of line 3, because O<1> {end} is missing");
+            assert!(text.contains(&expected_parts), "{text}");
             assert_eq!(text.contains("not repeated"), begin != "if", "{text}");
         }
     }
@@ -322,9 +330,9 @@ fn open_blocks_at_endsub_are_a_warning() {
         let begin = block.split(' ').next().unwrap();
         let program = format!("o1 sub\no2 {block}\nG0 X1\no1 endsub\no1 call\nM2\n");
         let found = warnings(&program, Settings::default());
-        let named = format!("O<2> {begin} of line 2, because O<2> {end} is missing");
+        let expected_parts = format!("O<2> {begin} of line 2, because O<2> {end} is missing");
         assert!(
-            matches!(&found[..], [(4, text)] if text.contains(&named)),
+            matches!(&found[..], [(4, text)] if text.contains(&expected_parts)),
             "{found:?}"
         );
     }

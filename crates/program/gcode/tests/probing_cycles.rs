@@ -86,7 +86,7 @@ fn probe_on(settings: Settings, program: &str, radius: f64, surface: &Surface) -
                 let first =
                     (1..=steps).find(|k| touches(&curve.position(length * f64::from(*k) / f64::from(steps))));
                 let Some(first) = first else {
-                    assert!(interpreter.answer_probe(&curve.end(), &curve.end(), false));
+                    assert!(interpreter.set_probe_result(&curve.end(), &curve.end(), false));
                     continue;
                 };
                 let (mut low, mut high) = (f64::from(first - 1), f64::from(first));
@@ -99,9 +99,9 @@ fn probe_on(settings: Settings, program: &str, radius: f64, surface: &Surface) -
                     }
                 }
                 let at = length * high / f64::from(steps);
-                let stands = curve.position((at + OVERTRAVEL).min(length));
+                let stop_position = curve.position((at + OVERTRAVEL).min(length));
                 probed.contacts += 1;
-                assert!(interpreter.answer_probe(&curve.position(at), &stands, true));
+                assert!(interpreter.set_probe_result(&curve.position(at), &stop_position, true));
             }
             Action::Print(text) => {
                 let words = text.split_whitespace();
@@ -136,7 +136,7 @@ fn probing_cycles_work_in_all_units_and_modes() {
     for _ in 0..40 {
         let corner = [random.between(-3.0, 3.0), random.between(-3.0, 3.0)];
         let signs = [0, 1].map(|_| either(&mut random, 1.0, -1.0));
-        let tip = random.between(0.5, 4.0);
+        let tip_diameter = random.between(0.5, 4.0);
         // The part is where both coordinates are beyond the corner.
         let surface: Surface = Box::new(move |at| {
             let beyond = [0, 1].map(|axis| signs[axis] * (corner[axis] - at[axis]));
@@ -147,20 +147,20 @@ fn probing_cycles_work_in_all_units_and_modes() {
         });
         let start = [corner[0] - signs[0] * 10.0, corner[1] - signs[1] * 10.0, 0.0];
         let (code, unit) = either(&mut random, ("G21", 1.0), ("G20", 25.4));
-        let way = either(&mut random, "G90", "G91");
+        let distance_mode = either(&mut random, "G90", "G91");
         // Paths and results are radii, also in G7.
         let radius = either(&mut random, "G7", "G8");
         let zero = [0, 1].map(|_| random.between(-20.0, 20.0));
-        let words = [signs[0] * 20.0, signs[1] * 20.0, tip, 200.0, 30.0, 1.0]
+        let words = [signs[0] * 20.0, signs[1] * 20.0, tip_diameter, 200.0, 30.0, 1.0]
             .map(|word| format!("[{}]", word / unit));
         let program = format!(
-            "G21 G10 L2 P2 X{} Y{}\nG55\n{code} {way} {radius} F7\no<probe_corner> call {}\n\
+            "G21 G10 L2 P2 X{} Y{}\nG55\n{code} {distance_mode} {radius} F7\no<probe_corner> call {}\n\
              (PRINT,%.6f#<_probe_x> %.6f#<_probe_y>)\nM2\n",
             zero[0],
             zero[1],
             words.join(" ")
         );
-        let probed = probe(&program, start, tip / 2.0, &surface);
+        let probed = probe(&program, start, tip_diameter / 2.0, &surface);
         assert!(probed.error.is_none(), "{:?}\n{program}", probed.error);
         let found: Vec<f64> = probed.values.iter().map(|value| value * unit).collect();
         for axis in 0..2 {
@@ -174,19 +174,19 @@ fn probing_cycles_work_in_all_units_and_modes() {
 }
 
 #[test]
-fn bores_and_bosses_are_found_from_off_their_centres() {
+fn bores_and_bosses_are_found_from_off_centre() {
     let mut random = Random::new();
     for _ in 0..40 {
         let centre = [random.between(-2.0, 2.0), random.between(-2.0, 2.0)];
         let diameter = random.between(20.0, 40.0);
-        let tip = random.between(0.5, 4.0);
+        let tip_diameter = random.between(0.5, 4.0);
         let expected = [centre[0], centre[1], diameter];
         let bore: Surface = Box::new(move |at| diameter / 2.0 - (at[0] - centre[0]).hypot(at[1] - centre[1]));
         let program = format!(
-            "G21 F10\no<probe_bore> call [{diameter}] [{tip}] [300] [50] [1]\n\
+            "G21 F10\no<probe_bore> call [{diameter}] [{tip_diameter}] [300] [50] [1]\n\
              (PRINT,%.6f#<_probe_x> %.6f#<_probe_y> %.6f#<_probe_diameter>)\nM2\n"
         );
-        let probed = probe(&program, [0.0; 3], tip / 2.0, &bore);
+        let probed = probe(&program, [0.0; 3], tip_diameter / 2.0, &bore);
         assert!(probed.error.is_none(), "{:?}", probed.error);
         assert_near(&probed.values, &expected);
         assert!((probed.end[0] - centre[0]).abs() < 1e-6 && (probed.end[1] - centre[1]).abs() < 1e-6);
@@ -201,10 +201,10 @@ fn bores_and_bosses_are_found_from_off_their_centres() {
             }
         });
         let program = format!(
-            "G21 F10\no<probe_boss> call [{diameter}] [6] [9] [{tip}] [300] [50] [1]\n\
+            "G21 F10\no<probe_boss> call [{diameter}] [6] [9] [{tip_diameter}] [300] [50] [1]\n\
              (PRINT,%.6f#<_probe_x> %.6f#<_probe_y> %.6f#<_probe_diameter>)\nM2\n"
         );
-        let probed = probe(&program, [0.0, 0.0, 5.0], tip / 2.0, &boss);
+        let probed = probe(&program, [0.0, 0.0, 5.0], tip_diameter / 2.0, &boss);
         assert!(probed.error.is_none(), "{:?}", probed.error);
         assert_near(&probed.values, &expected);
         assert_eq!(probed.end[2], 5.0);
@@ -213,7 +213,7 @@ fn bores_and_bosses_are_found_from_off_their_centres() {
 }
 
 #[test]
-fn a_tool_is_as_long_as_it_is() {
+fn a_tool_length_is_measured() {
     // The tip of a tool of 73.25 mm touches a sensor whose height the spindle itself would reach at Z-200.
     let surface: Surface = Box::new(|at| at[2] - (-200.0 + 73.25));
     for (offset, code) in [("", "G21"), ("G10 L2 P1 Z-31\n", "G20"), ("G92 Z4\n", "G21")] {
@@ -268,7 +268,7 @@ fn a_tool_being_fetched_is_measured_for_its_line() {
 }
 
 #[test]
-fn what_is_not_found_or_wrong_is_told_by_the_cycle() {
+fn cycles_report_missing_contacts_and_invalid_arguments() {
     let nothing: Surface = Box::new(|_| 1e3);
     let everything: Surface = Box::new(|at| at[2] - 3.0);
     for (call, surface, word) in [
@@ -307,7 +307,7 @@ fn what_is_not_found_or_wrong_is_told_by_the_cycle() {
 }
 
 #[test]
-fn an_unanswered_probe_end_may_be_probed_again() {
+fn a_probe_end_without_result_may_be_probed_again() {
     let found = errors("F100 G90\nG38.3 Z-5\nG38.5 Z-5\nG38.3 X2\nG38.5 X2\n");
     assert!(found.is_empty(), "{found:?}");
     // Without a probing move before, it is an error.

@@ -78,7 +78,7 @@ fn survive(program: &[u8]) -> Result<usize, TestCaseError> {
 }
 
 #[test]
-fn arbitrary_bytes_never_panic_and_always_end() {
+fn arbitrary_bytes_terminate_without_panic() {
     let seed = seed();
     println!("EVOLVENT_SEED={seed}");
     runner(2000, seed)
@@ -108,7 +108,7 @@ fn soup() -> impl Strategy<Value = String> {
         .prop_map(|(letter, value)| format!("{}{value}", char::from(letter)));
     let code = proptest::sample::select(codes.to_vec()).prop_map(String::from);
     let piece = prop_oneof![3 => Just(String::from("\n")), 3 => word, 4 => code.clone()];
-    let junk = proptest::collection::vec(piece, 0..8).prop_map(|pieces| pieces.concat());
+    let random_words = proptest::collection::vec(piece, 0..8).prop_map(|pieces| pieces.concat());
     let motion = proptest::sample::select(vec![
         "", "", "G0", "G1", "G1 F9", "G2", "G3", "G2.2", "G91 G3", "G53 G0",
     ]);
@@ -122,12 +122,12 @@ fn soup() -> impl Strategy<Value = String> {
                 .collect();
             format!("{motion}{words}")
         });
-    let line = prop_oneof![6 => moved, 2 => code, 2 => junk];
+    let line = prop_oneof![6 => moved, 2 => code, 2 => random_words];
     proptest::collection::vec(line, 0..40).prop_map(|lines| format!("G21 F100 S9\n{}", lines.join("\n")))
 }
 
 #[test]
-fn words_thrown_together_never_panic_and_moves_chain() {
+fn random_words_never_panic_and_moves_are_contiguous() {
     let moves = std::cell::Cell::new(0);
     let seed = seed();
     println!("EVOLVENT_SEED={seed}");

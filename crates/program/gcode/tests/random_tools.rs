@@ -41,7 +41,7 @@ fn random_program(random: &mut Random) -> String {
             ),
             // Each of these may be an error, which ends the program.
             16 if random.below(4) == 0 => {
-                let wrong = [
+                let invalid = [
                     "M66 L0",
                     "M66 P0 E0 L0",
                     "M66 E0 L1 Q1",
@@ -62,7 +62,7 @@ fn random_program(random: &mut Random) -> String {
                     "G43 I1",
                     "T2 M61 Q3 M6",
                 ];
-                (*random.one_of(&wrong)).to_owned()
+                (*random.one_of(&invalid)).to_owned()
             }
             // After a tool change stand-alone `rs274` does not know the position of the axes.
             _ => format!("G0 X{} Y{} Z{step}", random.below(9), random.below(9)),
@@ -80,16 +80,16 @@ fn random_program(random: &mut Random) -> String {
 }
 
 #[test]
-fn random_tool_changes_do_what_they_do_in_linuxcnc() {
+fn random_tool_changes_match_linuxcnc() {
     let Some(folder) = rs274::linuxcnc() else { return };
     let mut random = Random::from_state(seed(seed_of_time()));
-    let place = tempfile::tempdir().expect("a folder");
+    let folder_of_programs = tempfile::tempdir().expect("a folder");
     let rows: String = TOOLS.map(|(number, row)| format!("T{number} {row}\n")).concat();
-    let table = place.path().join("tools.tbl");
+    let table = folder_of_programs.path().join("tools.tbl");
     std::fs::write(&table, rows).expect("a file");
     let mut programs = Vec::new();
     for number in 0..cases(150) {
-        let file = place.path().join(format!("{number}.ngc"));
+        let file = folder_of_programs.path().join(format!("{number}.ngc"));
         std::fs::write(&file, random_program(&mut random)).expect("a file");
         programs.push(file);
     }

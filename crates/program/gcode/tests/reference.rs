@@ -18,9 +18,9 @@ const OURS_MM: f64 = 0.6e-6;
 
 /// An event's words, and the tolerance of its numbers: mm, degrees, mm/min.
 fn split(line: &str) -> (Vec<&str>, [f64; 3]) {
-    let (text, slack) = line.split_once(" | ").unwrap_or((line, ""));
+    let (text, tolerances) = line.split_once(" | ").unwrap_or((line, ""));
     let mut limits = [1e-6, 1e-6, 1e-4];
-    for (limit, word) in limits.iter_mut().zip(slack.split(' ')) {
+    for (limit, word) in limits.iter_mut().zip(tolerances.split(' ')) {
         *limit = word.parse().unwrap_or(*limit);
     }
     (text.split(' ').collect(), limits)
@@ -28,10 +28,10 @@ fn split(line: &str) -> (Vec<&str>, [f64; 3]) {
 
 /// Whether two events are equal, number by number. In cycles corners are exact here, where rs274 blends.
 fn same(theirs: &str, ours: &str, cycles: bool) -> bool {
-    let ((mut left, slack), (mut right, _)) = (split(theirs), split(ours));
-    let blended = left.len().checked_sub(3).filter(|place| left[*place] == "blend");
-    if let (true, Some(place), Some(&"exact")) = (cycles, blended, right.last()) {
-        left.truncate(place);
+    let ((mut left, tolerances), (mut right, _)) = (split(theirs), split(ours));
+    let blended = left.len().checked_sub(3).filter(|index| left[*index] == "blend");
+    if let (true, Some(index), Some(&"exact")) = (cycles, blended, right.last()) {
+        left.truncate(index);
         right.pop();
     }
     left.len() == right.len()
@@ -43,11 +43,11 @@ fn same(theirs: &str, ours: &str, cycles: bool) -> bool {
                 bare.parse::<f64>().ok().map(|value| (mark.to_owned(), value))
             };
             match (number(left), number(right)) {
-                (Some((mark, left)), Some((also, right))) if mark == also => {
+                (Some((mark, left)), Some((other_mark, right))) if mark == other_mark => {
                     let limit = match index {
-                        _ if mark == "F" => slack[2],
-                        4..=6 => slack[1],
-                        _ => slack[0],
+                        _ if mark == "F" => tolerances[2],
+                        4..=6 => tolerances[1],
+                        _ => tolerances[0],
                     };
                     left == right || (left - right).abs() <= limit + OURS_MM
                 }
@@ -57,17 +57,20 @@ fn same(theirs: &str, ours: &str, cycles: bool) -> bool {
 }
 
 /// Whether an event is a move that vanishes in four decimals.
-fn is_still(lines: &[String], index: usize, slack: f64) -> bool {
-    let place = |index: usize| -> Option<Vec<f64>> {
+fn is_still(lines: &[String], index: usize, tolerance: f64) -> bool {
+    let coordinates = |index: usize| -> Option<Vec<f64>> {
         let (words, _) = split(lines.get(index)?);
         let moves = ["rapid", "feed", "arc"].contains(&words[0]);
         let figures = words.get(1..7)?.iter().map(|word| word.parse().ok());
         if moves { figures.collect() } else { None }
     };
     let line = lines.get(index).is_some_and(|line| !line.starts_with("arc"));
-    let before = index.checked_sub(1).and_then(place);
-    match (line, before, place(index)) {
-        (true, Some(before), Some(now)) => before.iter().zip(&now).all(|(a, b)| (a - b).abs() <= 2.0 * slack),
+    let before = index.checked_sub(1).and_then(coordinates);
+    match (line, before, coordinates(index)) {
+        (true, Some(before), Some(now)) => before
+            .iter()
+            .zip(&now)
+            .all(|(a, b)| (a - b).abs() <= 2.0 * tolerance),
         _ => false,
     }
 }
@@ -83,7 +86,7 @@ enum Relation {
 }
 
 /// Maximum number of moves per hole, in any cycle except pecking.
-const MOVES_OF_HOLE: usize = 12;
+const MAX_MOVES_PER_HOLE: usize = 12;
 
 /// Whether rs274 may have produced these events from part of a line that it then rejects: a move is the last
 /// event of a line and is complete or absent, except in a cycle.
@@ -96,12 +99,12 @@ fn is_part_of_line(events: &[String], program: &str, line: u32) -> bool {
     };
     let moves = events.iter().filter(is_move).count();
     let words = text.chars().filter(char::is_ascii_alphabetic).count();
-    let most = if has_cycle(&lines.join("\n")) {
-        MOVES_OF_HOLE
+    let max_moves = if has_cycle(&lines.join("\n")) {
+        MAX_MOVES_PER_HOLE
     } else {
         0
     };
-    moves <= most && events.len() - moves <= words
+    moves <= max_moves && events.len() - moves <= words
 }
 
 /// The relation of our events to those of rs274, for a program with this text.
@@ -120,13 +123,13 @@ fn relation(theirs: &[String], ours: &[String], program: &str) -> Relation {
             // Here a line is executed completely or not at all; rs274 may have executed part of it.
             let last = theirs.last().map_or("", |line| line);
             let line = |text: &str| text.split(' ').nth(1).and_then(|word| word.parse::<u32>().ok());
-            let refused = line(last).filter(|_| last.starts_with("error"));
+            let rejected = line(last).filter(|_| last.starts_with("error"));
             let rest = theirs.get(a..theirs.len().saturating_sub(1)).unwrap_or_default();
-            return match (refused, line(&right)) {
-                (Some(refused), Some(here)) if refused == here && is_part_of_line(rest, program, here) => {
+            return match (rejected, line(&right)) {
+                (Some(rejected), Some(here)) if rejected == here && is_part_of_line(rest, program, here) => {
                     Relation::Equal
                 }
-                (Some(refused), Some(here)) if 0 < here && here < refused => Relation::Earlier(here),
+                (Some(rejected), Some(here)) if 0 < here && here < rejected => Relation::Earlier(here),
                 _ => Relation::Different(format!(
                     "rs274 {} more events and {last:?}, here {right:?}",
                     rest.len()
@@ -137,10 +140,10 @@ fn relation(theirs: &[String], ours: &[String], program: &str) -> Relation {
             (a, b) = (a + 1, b + 1);
             continue;
         }
-        let slack = split(&left).1[0];
-        if is_still(ours, b, slack) {
+        let tolerance = split(&left).1[0];
+        if is_still(ours, b, tolerance) {
             b += 1;
-        } else if is_still(theirs, a, slack) {
+        } else if is_still(theirs, a, tolerance) {
             a += 1;
         } else {
             let text = format!("event {}: rs274 {left:?}, here {right:?}", a + 1);
@@ -163,7 +166,7 @@ fn has_cycle(program: &str) -> bool {
 }
 
 /// A program that is rejected here at an earlier line: its name and that line. The reason follows.
-fn refused_earlier(line: &str) -> Option<(&str, u32)> {
+fn rejected_earlier(line: &str) -> Option<(&str, u32)> {
     let (name, rest) = line.split_once(':').filter(|_| !line.starts_with('#'))?;
     let (line, reason) = rest.split_once(": ")?;
     assert!(!reason.is_empty(), "{name} without a reason");
@@ -171,15 +174,15 @@ fn refused_earlier(line: &str) -> Option<(&str, u32)> {
 }
 
 #[test]
-fn programs_mean_what_they_mean_to_linuxcnc() {
+fn programs_match_linuxcnc_results() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/programs");
     let tools = ToolTable::parse(&std::fs::read_to_string(folder.join("tools.tbl")).unwrap()).unwrap();
     let known = std::fs::read_to_string(folder.join("known.txt")).unwrap();
     let known: Vec<_> = known.lines().filter_map(|line| line.split_once(": ")).collect();
     let earlier = std::fs::read_to_string(folder.join("earlier.txt")).unwrap();
-    let mut earlier: Vec<_> = earlier.lines().filter_map(refused_earlier).collect();
+    let mut earlier: Vec<_> = earlier.lines().filter_map(rejected_earlier).collect();
     let mut count = 0;
-    let mut wrong = Vec::new();
+    let mut differences = Vec::new();
     for entry in std::fs::read_dir(&folder).unwrap() {
         let path = entry.unwrap().path();
         if path.extension().is_none_or(|extension| extension != "ngc") {
@@ -202,12 +205,12 @@ fn programs_mean_what_they_mean_to_linuxcnc() {
         let found = relation(&theirs, &ours, &String::from_utf8_lossy(&program));
         let reason = known.iter().find(|(name, _)| path.ends_with(name));
         let named = earlier.iter().position(|(name, _)| path.ends_with(name));
-        let named = named.map(|place| earlier.swap_remove(place).1);
+        let named = named.map(|index| earlier.swap_remove(index).1);
         match (found, reason) {
             (Relation::Earlier(line), None) if named == Some(line) => {}
             (Relation::Equal, None) if named.is_none() => {}
             (Relation::Different(_), Some(_)) if named.is_none() => {}
-            (found, reason) => wrong.push(format!(
+            (found, reason) => differences.push(format!(
                 "{}: {found:?}, known {reason:?}, earlier {named:?}",
                 path.display()
             )),
@@ -216,15 +219,15 @@ fn programs_mean_what_they_mean_to_linuxcnc() {
     assert!(earlier.is_empty(), "of no program: {earlier:?}");
     assert!(count >= 200, "{count} programs");
     assert!(
-        wrong.is_empty(),
+        differences.is_empty(),
         "{} of {count} differ:\n{}",
-        wrong.len(),
-        wrong.join("\n")
+        differences.len(),
+        differences.join("\n")
     );
 }
 
 #[test]
-fn the_comparison_sees_what_it_is_for() {
+fn the_comparison_detects_differences() {
     let lines = |text: &[&str]| text.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>();
     let good = lines(&[
         "rapid 1 2 3 0 0 0 blend 0 0 | 0.00005 0.00005 0.0001",
@@ -271,7 +274,7 @@ fn motion_lost_before_an_error_is_a_difference() {
     let program = "G0 X1\nS1\n(a)\n(b)\nM3 G1 Y?\n";
     let failed = lines(&[first, "spindle cw 1", "error 5 x"]);
     let equal = Relation::Equal;
-    let is = |theirs: &[String], events: &[&str], program: &str, expected: &Relation| {
+    let assert_relation = |theirs: &[String], events: &[&str], program: &str, expected: &Relation| {
         let found = relation(theirs, &lines(events), program);
         let same = matches!(
             (&found, expected),
@@ -281,33 +284,33 @@ fn motion_lost_before_an_error_is_a_difference() {
     };
     let different = Relation::Different(String::new());
     // rs274 may have executed part of the rejected line.
-    is(&failed, &[first, "error 5 5:1: G0301"], program, &equal);
-    is(
+    assert_relation(&failed, &[first, "error 5 5:1: G0301"], program, &equal);
+    assert_relation(
         &failed,
         &[first, "spindle cw 1", "error 5 5:1: G0301"],
         program,
         &equal,
     );
-    is(
+    assert_relation(
         &failed,
         &["rapid 1 2 4 0 0 0 blend 0 0", "error 5 5:1: G0301"],
         program,
         &different,
     );
-    is(&failed, &[first, "error 6 6:1: G0705"], program, &different);
-    is(&failed, &[first, "spindle cw 1", "end"], program, &different);
-    is(
+    assert_relation(&failed, &[first, "error 6 6:1: G0705"], program, &different);
+    assert_relation(&failed, &[first, "spindle cw 1", "end"], program, &different);
+    assert_relation(
         &failed,
         &[first, "error 4 4:1: G0301"],
         program,
         &Relation::Earlier(4),
     );
     // Moves of earlier lines are not part of it.
-    is(&failed, &["error 5 5:1: G0301"], program, &different);
+    assert_relation(&failed, &["error 5 5:1: G0301"], program, &different);
     let moved = lines(&[first, second, "error 5 x"]);
-    is(&moved, &[first, "error 5 5:1: G0301"], program, &different);
+    assert_relation(&moved, &[first, "error 5 5:1: G0301"], program, &different);
     // Moves of a cycle are.
-    is(
+    assert_relation(
         &moved,
         &[first, "error 5 5:1: G0301"],
         "G0 X1\n\n\n\nG81 Z1\n",
@@ -317,17 +320,17 @@ fn motion_lost_before_an_error_is_a_difference() {
         .map(|x| format!("rapid {x} 2 3 0 0 0 blend 0 0"))
         .collect();
     let many: Vec<&str> = many.iter().map(String::as_str).chain(["error 5 x"]).collect();
-    is(&lines(&many), &["error 5 5:1: G0301"], program, &different);
-    is(
+    assert_relation(&lines(&many), &["error 5 5:1: G0301"], program, &different);
+    assert_relation(
         &lines(&many),
         &["error 5 5:1: G0301"],
         "\n\n\n\nG81 Z1\n",
         &different,
     );
     // Events before an earlier line are equal; otherwise it is a difference.
-    let wrong = "rapid 1 2 9 0 0 0 blend 0 0";
-    is(&moved, &[wrong, "error 3 3:1: G0705"], program, &different);
-    is(
+    let differences = "rapid 1 2 9 0 0 0 blend 0 0";
+    assert_relation(&moved, &[differences, "error 3 3:1: G0705"], program, &different);
+    assert_relation(
         &moved,
         &[first, second, "error 3 3:1: G0705"],
         program,

@@ -27,8 +27,8 @@ fn last(program: &str) -> (f64, Option<(Code, u32)>) {
 }
 
 #[test]
-fn a_subroutine_that_cancels_the_length_gives_it_back() {
-    for (before, within, z) in [
+fn a_cancelled_length_is_restored_after_a_subroutine() {
+    for (before, inside, z) in [
         ("G43", "G49", 11.0),
         ("G43 H2", "G49", 21.0),
         ("G43.1 Z7", "G49", 8.0),
@@ -42,15 +42,15 @@ fn a_subroutine_that_cancels_the_length_gives_it_back() {
         ("G43", "G49\nT2 M6", 21.0),
         ("G43.1 Z7", "G49\nT2 M6", 21.0),
     ] {
-        let program = format!("T1 M6\no1 sub\nM73\n{within}\no1 endsub\n{before}\no1 call\nG0 Z1\nM2\n");
-        assert_eq!(last(&program), (z, None), "{before}, {within}");
-        let program = format!("T1 M6\n{before}\nM70\n{within}\nM72\nG0 Z1\nM2\n");
-        assert_eq!(last(&program), (z, None), "{before}, {within}");
+        let program = format!("T1 M6\no1 sub\nM73\n{inside}\no1 endsub\n{before}\no1 call\nG0 Z1\nM2\n");
+        assert_eq!(last(&program), (z, None), "{before}, {inside}");
+        let program = format!("T1 M6\n{before}\nM70\n{inside}\nM72\nG0 Z1\nM2\n");
+        assert_eq!(last(&program), (z, None), "{before}, {inside}");
     }
 }
 
 #[test]
-fn compensation_that_was_on_is_not_switched_on_again() {
+fn cancelled_compensation_is_not_restored() {
     let contour = "G21 F100\nG41.1 D2\nG1 X10\n";
     let program = format!("o1 sub\nM73\nG40\no1 endsub\n{contour}o1 call\nG1 X20\nM2\n");
     assert_eq!(last(&program).1, Some((Code::CompensationActive, 4)));
@@ -63,14 +63,14 @@ fn compensation_that_was_on_is_not_switched_on_again() {
 
 #[test]
 fn each_m98_repetition_starts_with_callers_modes() {
-    for (within, times, z) in [
+    for (inside, times, z) in [
         ("M73\nG91\nG1 Z1", 2, 9.0),
         ("M73\nG91 G1 Z1\nG20", 3, 9.0),
         // M70 alone is never restored.
         ("M70\nG91\nG1 Z1", 2, 11.0),
     ] {
-        let program = format!("F100\nM98 P100 L{times}\nG1 Z9\nM30\nO100\n{within}\nM99\n");
-        assert_eq!(last(&program), (z, None), "{within}");
+        let program = format!("F100\nM98 P100 L{times}\nG1 Z9\nM30\nO100\n{inside}\nM99\n");
+        assert_eq!(last(&program), (z, None), "{inside}");
     }
     // Modes saved in one repetition do not apply to the next one.
     let program = "F100\nM98 P100 L2\nM30\nO100\nO1 if [#1 EQ 1]\nM72\nO1 endif\n#1=1\nM70\nM99\n";
@@ -78,8 +78,8 @@ fn each_m98_repetition_starts_with_callers_modes() {
 }
 
 #[test]
-fn restores_whether_g92_is_active_but_not_values() {
-    for (before, within, z) in [
+fn restoring_modes_restores_g92_activity_but_not_values() {
+    for (before, inside, z) in [
         ("", "G92 Z5", 1.0),
         ("", "G52 Z3", 1.0),
         ("G92 Z5", "G92.2", -4.0),
@@ -87,10 +87,10 @@ fn restores_whether_g92_is_active_but_not_values() {
         ("G92 Z5", "G92.1", 1.0),
         ("G92 Z5\nG92.2", "G92.3", 1.0),
     ] {
-        let program = format!("o1 sub\nM73\n{within}\no1 endsub\n{before}\no1 call\nG0 Z1\nM2\n");
-        assert_eq!(last(&program), (z, None), "{before}, {within}");
-        let program = format!("{before}\nM70\n{within}\nM72\nG0 Z1\nM2\n");
-        assert_eq!(last(&program), (z, None), "{before}, {within}");
+        let program = format!("o1 sub\nM73\n{inside}\no1 endsub\n{before}\no1 call\nG0 Z1\nM2\n");
+        assert_eq!(last(&program), (z, None), "{before}, {inside}");
+        let program = format!("{before}\nM70\n{inside}\nM72\nG0 Z1\nM2\n");
+        assert_eq!(last(&program), (z, None), "{before}, {inside}");
     }
     // The parameter agrees.
     assert_eq!(

@@ -52,14 +52,14 @@ fn spindles(actions: &[Action]) -> Vec<String> {
                 spindle,
                 direction,
                 speed_rpm,
-            } => lines.push(format!("{spindle} {} {speed_rpm}", way(*direction))),
+            } => lines.push(format!("{spindle} {} {speed_rpm}", direction_name(*direction))),
             Action::SurfaceSpeed {
                 spindle,
                 direction,
                 surface,
             } => lines.push(format!(
                 "{spindle} {} {} m/min to {}",
-                way(*direction),
+                direction_name(*direction),
                 surface.speed_m_min,
                 surface.max_rpm
             )),
@@ -72,7 +72,7 @@ fn spindles(actions: &[Action]) -> Vec<String> {
     lines
 }
 
-fn way(direction: SpindleDirection) -> &'static str {
+fn direction_name(direction: SpindleDirection) -> &'static str {
     match direction {
         SpindleDirection::Stopped => "stop",
         SpindleDirection::Clockwise => "cw",
@@ -82,7 +82,7 @@ fn way(direction: SpindleDirection) -> &'static str {
 
 #[test]
 fn speed_and_direction_are_those_of_the_named_spindle() {
-    let told = spindles(&run("S100 M3\nS200 $1\nM4 $1\nM5 $-1\nM2\n"));
+    let reported = spindles(&run("S100 M3\nS200 $1\nM4 $1\nM5 $-1\nM2\n"));
     let expected = [
         "0 cw 100",
         "1 stop 200",
@@ -92,10 +92,10 @@ fn speed_and_direction_are_those_of_the_named_spindle() {
         "2 stop 0",
         "3 stop 0",
     ];
-    assert_eq!(told, expected);
+    assert_eq!(reported, expected);
     // Without $ it is spindle 0, whatever spindle was named before.
-    let told = spindles(&run("S100 M3 $1\nM4\nM2\n"));
-    assert_eq!(told, ["1 cw 100", "0 ccw 0", "0 stop 0", "1 stop 100"]);
+    let reported = spindles(&run("S100 M3 $1\nM4\nM2\n"));
+    assert_eq!(reported, ["1 cw 100", "0 ccw 0", "0 stop 0", "1 stop 100"]);
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn all_spindles_are_those_of_the_machine() {
 
 #[test]
 fn modes_of_speed_are_of_each_spindle() {
-    let told = spindles(&run("G96 S100 D2000 $1\nM3 $1\nG97 S200 $1\nG96 S50 D500\nM2\n"));
+    let reported = spindles(&run("G96 S100 D2000 $1\nM3 $1\nG97 S200 $1\nG96 S50 D500\nM2\n"));
     let expected = [
         "1 stop 100 m/min to 2000",
         "1 cw 100 m/min to 2000",
@@ -117,20 +117,20 @@ fn modes_of_speed_are_of_each_spindle() {
         "0 stop 0",
         "1 stop 200",
     ];
-    assert_eq!(told, expected);
+    assert_eq!(reported, expected);
     // A tool change stops all.
-    let told = spindles(&run("M61 Q1\nM3 S300 $1\nM4 S7\nT0 M6\nM2\n"));
-    assert_eq!(told, ["1 cw 300", "0 ccw 7", "0 stop 7", "1 stop 300"]);
+    let reported = spindles(&run("M61 Q1\nM3 S300 $1\nM4 S7\nT0 M6\nM2\n"));
+    assert_eq!(reported, ["1 cw 300", "0 ccw 7", "0 stop 7", "1 stop 300"]);
     // M72 restores spindle 0.
-    let told = spindles(&run("S4 M3\nM70\nS10 M3 $1\nM4 S30\nM72\nM2\n"));
+    let reported = spindles(&run("S4 M3\nM70\nS10 M3 $1\nM4 S30\nM72\nM2\n"));
     let expected = ["0 cw 4", "1 cw 10", "0 ccw 30", "0 cw 4", "0 stop 4", "1 stop 10"];
-    assert_eq!(told, expected);
+    assert_eq!(reported, expected);
 }
 
 #[test]
 fn threads_follow_the_spindle_that_was_named_last() {
     let text = "S300 M3 $1\nG33 Z-5 K1 $1\nG33 Z-8 K1\nG33.1 Z-10 K1\nM3 S5\nG33 Z-11 K1 $0\nG33 Z-12 K1\n";
-    let told = spindles(&run(&format!("{text}G97 S300 $1\nG33 Z-13 K1\nM2\n")));
+    let reported = spindles(&run(&format!("{text}G97 S300 $1\nG33 Z-13 K1\nM2\n")));
     // G94 without $ names spindle 0.
     let after = spindles(&run("S3 M3 $-1\nG33 Z-5 K1 $1\nG94\nG33 Z-8 K1\nM2\n"));
     assert!(
@@ -139,7 +139,7 @@ fn threads_follow_the_spindle_that_was_named_last() {
             .filter(|line| line.contains("thread"))
             .eq(["1 thread", "0 thread"].iter())
     );
-    let threads: Vec<_> = told
+    let threads: Vec<_> = reported
         .iter()
         .filter(|line| line.contains("thread") || line.contains("tap"))
         .collect();
@@ -176,7 +176,7 @@ fn feed_per_revolution_is_of_the_spindle_of_g95() {
 #[test]
 fn an_orientation_leaves_the_other_codes_of_its_line() {
     let actions = run("M19 R90 M8\nM19 R0 $1 M49\nM19 R5 $2 M9 S700\nM2\n");
-    let told: Vec<&str> = actions
+    let reported: Vec<&str> = actions
         .iter()
         .filter_map(|action| match action {
             Action::OrientSpindle { .. } => Some("orient"),
@@ -188,12 +188,15 @@ fn an_orientation_leaves_the_other_codes_of_its_line() {
         })
         .take(6)
         .collect();
-    assert_eq!(told, ["orient", "flood", "orient", "overrides", "orient", "dry"]);
+    assert_eq!(
+        reported,
+        ["orient", "flood", "orient", "overrides", "orient", "dry"]
+    );
 }
 
 #[test]
-fn overrides_are_of_one_spindle_or_of_all() {
-    let told: Vec<[bool; SPINDLES]> = run("M51 P0 $1\nM51 P0\nM51 P1 $2\nM48\nM49\nM2\n")
+fn overrides_apply_to_one_spindle_or_all() {
+    let reported: Vec<[bool; SPINDLES]> = run("M51 P0 $1\nM51 P0\nM51 P1 $2\nM48\nM49\nM2\n")
         .iter()
         .filter_map(|action| match action {
             Action::Overrides { spindles, .. } => Some(*spindles),
@@ -207,12 +210,12 @@ fn overrides_are_of_one_spindle_or_of_all() {
         [true; 4],
         [false; 4],
     ];
-    assert_eq!(told, expected);
+    assert_eq!(reported, expected);
 }
 
 #[test]
 fn cycles_turn_the_named_spindle() {
-    let told = spindles(&run("S10 M3 $1\nG84 X1 Z-1 R1 F10 $1\nG80\nM2\n"));
+    let reported = spindles(&run("S10 M3 $1\nG84 X1 Z-1 R1 F10 $1\nG80\nM2\n"));
     let expected = [
         "1 cw 10",
         "1 stop 10",
@@ -221,13 +224,13 @@ fn cycles_turn_the_named_spindle() {
         "1 cw 10",
         "1 stop 10",
     ];
-    assert_eq!(told, expected);
+    assert_eq!(reported, expected);
     let (_, error) = run_on("S10 M3 $1\nG86 X1 Z-1 R1 F10 P1 $2\n", [true; SPINDLES]);
     assert_eq!(error.expect("an error").code, Code::SpindleSpeedMissing);
 }
 
 #[test]
-fn a_spindle_that_cannot_be_meant_is_an_error() {
+fn an_invalid_spindle_selection_is_an_error() {
     let cases = [
         ("M3 $4\n", Code::SpindleSelection, "numbers 0 to 3"),
         ("M3 $1.5\n", Code::SpindleSelection, "numbers 0 to 3"),
@@ -277,15 +280,15 @@ fn random_program(random: &mut Random) -> String {
     for x in 1..=5 + random.below(21) {
         let speed = *random.one_of(&[0, 50, 120, 333, 900]);
         let named = named_spindle(random);
-        let or_all = if random.below(7) == 0 {
+        let or_all_spindles = if random.below(7) == 0 {
             " $-1".to_owned()
         } else {
             named.clone()
         };
         let line = match random.below(16) {
-            0..5 => format!("S{speed} M{}{or_all}", random.one_of(&[3, 3, 4, 5])),
-            5 => format!("M{}{or_all}", random.one_of(&[3, 4, 5])),
-            6 => format!("S{speed}{or_all}"),
+            0..5 => format!("S{speed} M{}{or_all_spindles}", random.one_of(&[3, 3, 4, 5])),
+            5 => format!("M{}{or_all_spindles}", random.one_of(&[3, 4, 5])),
+            6 => format!("S{speed}{or_all_spindles}"),
             // rs274 assumes every spindle stopped after it.
             7 => format!("M19 R{}{named}\nM3 $-1", random.one_of(&[0, 90, 270])),
             8 => format!("G33 Z-{x} K{}{named}", random.one_of(&[1.0, 0.5])),
@@ -327,13 +330,13 @@ fn named_spindle(random: &mut Random) -> String {
 }
 
 #[test]
-fn random_programs_do_here_what_they_do_in_linuxcnc() {
+fn random_spindle_programs_match_linuxcnc() {
     let Some(folder) = rs274::linuxcnc() else { return };
     let mut random = Random::from_state(seed(seed_of_time()));
-    let place = tempfile::tempdir().expect("a folder");
+    let folder_of_programs = tempfile::tempdir().expect("a folder");
     let mut programs = Vec::new();
     for number in 0..cases(300) {
-        let file = place.path().join(format!("{number}.ngc"));
+        let file = folder_of_programs.path().join(format!("{number}.ngc"));
         std::fs::write(&file, random_program(&mut random)).expect("a file");
         programs.push(file);
     }
@@ -393,7 +396,7 @@ fn turning_cycles_use_the_named_or_last_spindle() {
 }
 
 #[test]
-fn restart_turns_spindles_to_their_angles() {
+fn restart_orients_spindles() {
     let after = |lines: &str| {
         let text = format!("{lines}\nG0 X1\nM2\n");
         let mut interpreter = Interpreter::new(text.as_bytes(), settings([true; SPINDLES]));

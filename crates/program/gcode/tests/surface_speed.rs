@@ -25,8 +25,9 @@ fn run(program: &str) -> Vec<CanonicalCommand> {
 }
 
 fn spindles(commands: &[CanonicalCommand]) -> Vec<Action> {
-    let told = commands.iter().map(|command| command.action.clone());
-    told.filter(|action| matches!(action, Action::Spindle { .. } | Action::SurfaceSpeed { .. }))
+    let commands_to_spindle = commands.iter().map(|command| command.action.clone());
+    commands_to_spindle
+        .filter(|action| matches!(action, Action::Spindle { .. } | Action::SurfaceSpeed { .. }))
         .collect()
 }
 
@@ -56,7 +57,7 @@ fn rpm(speed_m_min: f64, max_rpm: f64, radius_mm: f64) -> f64 {
 
 /// Checks the pieces of a program's feed moves against the definition at many positions of each. Returns
 /// their number, and the length of those along which the speed is limited, mm.
-fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> (usize, f64) {
+fn check_pieces(program: &str, speed_at: impl Fn(f64) -> f64, feed_mm: f64) -> (usize, f64) {
     let commands = run(program);
     let pieces: Vec<_> = commands
         .iter()
@@ -69,31 +70,33 @@ fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> (usize
         assert_eq!(pair[0].0.curve.end(), pair[1].0.curve.start());
         // These programs have one feed move per line.
         assert_eq!(pair[1].1.continues, pair[0].1.line == pair[1].1.line);
-        let [ends, begins] = [
+        let [before, after] = [
             pair[0].0.curve.at(pair[0].0.curve.length()).tangent(),
             pair[1].0.curve.at(0.0).tangent(),
         ];
-        assert!((ends - begins).norm() < 1e-9, "{ends} {begins}");
+        assert!((before - after).norm() < 1e-9, "{before} {after}");
     }
     let mut limited_mm = 0.0;
     for (motion, command) in &pieces {
         assert_eq!(command.feed_mm_rev, Some(feed_mm));
-        let ends = [motion.curve.start()[0], motion.curve.end()[0]];
-        let is_limited = ends.iter().all(|x| law(*x) >= (1.0 - 1e-9) * law(0.0));
+        let before = [motion.curve.start()[0], motion.curve.end()[0]];
+        let is_limited = before
+            .iter()
+            .all(|x| speed_at(*x) >= (1.0 - 1e-9) * speed_at(0.0));
         limited_mm += if is_limited { motion.curve.length() } else { 0.0 };
         for k in 0..=20 {
-            let place = motion
+            let point = motion
                 .curve
                 .at(motion.curve.length() * f64::from(k) / 20.0)
                 .position;
-            let wanted = feed_mm * law(place[0]) / 60.0;
-            let off = motion.feed_mm_s / wanted - 1.0;
+            let expected = feed_mm * speed_at(point[0]) / 60.0;
+            let deviation = motion.feed_mm_s / expected - 1.0;
             // Half of the change along a piece; none where the speed is limited; or the end of what is not
             // divided further.
             let bound = if is_limited { 2e-9 } else { 0.0051 };
             assert!(
-                off.abs() < bound || motion.curve.length() < 0.02,
-                "{off} at {place}"
+                deviation.abs() < bound || motion.curve.length() < 0.02,
+                "{deviation} at {point}"
             );
         }
     }
@@ -102,10 +105,10 @@ fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> (usize
 
 #[test]
 fn facing_keeps_the_chip_thickness() {
-    let law = |x: f64| rpm(200.0, 3000.0, x.abs());
+    let speed_at = |x: f64| rpm(200.0, 3000.0, x.abs());
     let (count, limited_mm) = check_pieces(
         "G21 G18 G8 G95 G96 S200 D3000 M3\nG0 X60 Z0\nG1 X-2 F0.2\nM2\n",
-        law,
+        speed_at,
         0.2,
     );
     // ln(60 / 10.6) / ln(1.01) = 174 at least, and 5 % more; where the speed is limited there is one piece.
@@ -116,23 +119,23 @@ fn facing_keeps_the_chip_thickness() {
         "{limited_mm}"
     );
     // Limited by the spindle, 4000 rpm, not by D.
-    let law = |x: f64| rpm(200.0, 4000.0, x.abs());
+    let speed_at = |x: f64| rpm(200.0, 4000.0, x.abs());
     check_pieces(
         "G21 G18 G8 G95 G96 S200 M3\nG0 X60 Z0\nG1 X0 F0.2\nM2\n",
-        law,
+        speed_at,
         0.2,
     );
     // Outwards, across the centre, and too short for a piece of each.
     for (from, to) in [(-20.0, 60.0), (0.0, 30.0), (10.6, 10.62), (5.0, 7.9577)] {
         let program = format!("G21 G18 G8 G95 G96 S200 D4000 M3\nG0 X{from} Z0\nG1 X{to} F0.2\nM2\n");
-        check_pieces(&program, law, 0.2);
+        check_pieces(&program, speed_at, 0.2);
     }
 }
 
 #[test]
 fn the_cross_feed_of_a_facing_cycle_is_per_revolution() {
     // K is more than the depth: one pass, in along X by E and out along Z by F.
-    for (speed, law) in [("G97 S600", None), ("G96 S150 D2500", Some(150.0))] {
+    for (speed, speed_at) in [("G97 S600", None), ("G96 S150 D2500", Some(150.0))] {
         let program = format!("G21 G18 G8 G95 {speed} M3\nG0 X30 Z0\nG75 X20 Z-1 K2 E0.05 F0.2\nM2\n");
         let mut found = [0, 0];
         for command in run(&program) {
@@ -147,7 +150,7 @@ fn the_cross_feed_of_a_facing_cycle_is_per_revolution() {
             let feed_mm = if along_x { 0.05 } else { 0.2 };
             assert_eq!(command.feed_mm_rev, Some(feed_mm), "{program}");
             let radius_mm = motion.curve.at(0.5 * motion.curve.length()).position[0];
-            let turning = law.map_or(600.0, |speed_m_min| rpm(speed_m_min, 2500.0, radius_mm));
+            let turning = speed_at.map_or(600.0, |speed_m_min| rpm(speed_m_min, 2500.0, radius_mm));
             let ratio = motion.feed_mm_s / (feed_mm * turning / 60.0);
             assert!((ratio - 1.0).abs() < 0.0102, "{program} {ratio}");
         }
@@ -157,9 +160,9 @@ fn the_cross_feed_of_a_facing_cycle_is_per_revolution() {
 
 #[test]
 fn arcs_are_divided_but_cylinders_are_not() {
-    let law = |x: f64| rpm(150.0, 2500.0, x);
+    let speed_at = |x: f64| rpm(150.0, 2500.0, x);
     let ball = "G21 G18 G8 G61.1 G95 G96 S150 D2500 M3\nG0 X1 Z20\nG3 X20 Z1 I0 K-19 F0.1\nM2\n";
-    let (count, _) = check_pieces(ball, law, 0.1);
+    let (count, _) = check_pieces(ball, speed_at, 0.1);
     assert!(count > 20, "{count}");
     let moves: Vec<_> = run(ball)
         .into_iter()
@@ -176,59 +179,59 @@ fn arcs_are_divided_but_cylinders_are_not() {
     assert_eq!(moves[moves.len() - 1].path_mode, PathMode::ExactStop);
     for motion in &moves {
         for k in 0..=10 {
-            let place = motion
+            let point = motion
                 .curve
                 .at(motion.curve.length() * f64::from(k) / 10.0)
                 .position;
-            let radius = (place[0] - 1.0).hypot(place[2] - 1.0);
+            let radius = (point[0] - 1.0).hypot(point[2] - 1.0);
             assert!((radius - 19.0).abs() < 1e-9, "{radius}");
         }
     }
     let length: f64 = moves.iter().map(|motion| motion.curve.length()).sum();
     assert!((length - 19.0 * TAU / 4.0).abs() < 1e-9, "{length}");
     let cylinder = "G21 G18 G8 G95 G96 S150 D2500 M3\nG0 X20 Z1\nG1 Z-50 F0.3\nM2\n";
-    assert_eq!(check_pieces(cylinder, law, 0.3).0, 1);
+    assert_eq!(check_pieces(cylinder, speed_at, 0.3).0, 1);
 }
 
 #[test]
 fn the_centre_follows_offsets() {
     let program =
         "G21 G18 G8 G96 S100 D2000 M3\nG92 X5\nG10 L2 P2 X-30\nG55\nG43.1 X0.5\nG97 S600\nG54\nM5\nM2\n";
-    let told = spindles(&run(program));
+    let commands_to_spindle = spindles(&run(program));
     let expected = [
         surface(100.0, 2000.0, 0.0),
         surface(100.0, 2000.0, -5.0),
         surface(100.0, 2000.0, -35.0),
         surface(100.0, 2000.0, -34.5),
     ];
-    assert_eq!(&told[..4], &expected);
+    assert_eq!(&commands_to_spindle[..4], &expected);
     assert!(
-        matches!(told[4], Action::Spindle { speed_rpm: 600.0, .. }),
+        matches!(commands_to_spindle[4], Action::Spindle { speed_rpm: 600.0, .. }),
         "{:?}",
-        told[4]
+        commands_to_spindle[4]
     );
     // Constant again: offsets have no effect.
     assert!(
         matches!(
-            told[5],
+            commands_to_spindle[5],
             Action::Spindle {
                 direction: SpindleDirection::Stopped,
                 ..
             }
         ),
         "{:?}",
-        told[5]
+        commands_to_spindle[5]
     );
 }
 
 #[test]
-fn g97_alone_keeps_the_speed_of_the_place() {
-    let told = spindles(&run("G21 G18 G8\nG0 X25\nG96 S100 M4\nG97\nM2\n"));
+fn g97_alone_keeps_the_present_speed() {
+    let commands_to_spindle = spindles(&run("G21 G18 G8\nG0 X25\nG96 S100 M4\nG97\nM2\n"));
     let Action::Spindle {
         direction, speed_rpm, ..
-    } = told[1]
+    } = commands_to_spindle[1]
     else {
-        panic!("{told:?}")
+        panic!("{commands_to_spindle:?}")
     };
     assert_eq!(direction, SpindleDirection::CounterClockwise);
     assert!((speed_rpm - rpm(100.0, 4000.0, 25.0)).abs() < 1e-9, "{speed_rpm}");
@@ -237,15 +240,15 @@ fn g97_alone_keeps_the_speed_of_the_place() {
 #[test]
 fn surface_speed_respects_feet_and_diameters() {
     // 300 ft/min at 1 inch of diameter: 300 * 12 / pi rpm.
-    let told = spindles(&run("G20 G18 G7\nG0 X1\nG96 S300 M3\nG97\nM2\n"));
-    let Action::Spindle { speed_rpm, .. } = told[1] else {
-        panic!("{told:?}")
+    let commands_to_spindle = spindles(&run("G20 G18 G7\nG0 X1\nG96 S300 M3\nG97\nM2\n"));
+    let Action::Spindle { speed_rpm, .. } = commands_to_spindle[1] else {
+        panic!("{commands_to_spindle:?}")
     };
     assert!((speed_rpm - 3600.0 / (TAU / 2.0)).abs() < 1e-6, "{speed_rpm}");
 }
 
 #[test]
-fn a_restart_in_the_middle_knows_speed_and_feed() {
+fn a_restart_has_the_active_speed_and_feed() {
     let program = "G21 G18 G8 G95 G96 S200 D3000 M3\nG0 X60 Z0\nG1 X40 F0.2\nX20\nM2\n";
     let settings = Settings {
         features: MachineFeatures {
@@ -276,10 +279,10 @@ fn a_restart_in_the_middle_knows_speed_and_feed() {
 
 /// Metres per minute taken for revolutions would be another speed.
 #[test]
-fn a_program_begins_in_g97_and_a_block_of_mdi_goes_on() {
-    let begins = |is_block: bool, text: &str| {
+fn a_program_starts_in_g97_and_an_mdi_block_continues() {
+    let after = |is_mdi: bool, text: &str| {
         let settings = Settings {
-            is_block,
+            is_mdi,
             outputs: of_first(SpindleOutput {
                 surface: Some(SurfaceSpeed {
                     speed_m_min: 180.0,
@@ -298,18 +301,18 @@ fn a_program_begins_in_g97_and_a_block_of_mdi_goes_on() {
                 .collect::<Vec<_>>(),
         )
     };
-    assert_eq!(begins(true, "M3\n"), [surface(180.0, 900.0, 0.0)]);
+    assert_eq!(after(true, "M3\n"), [surface(180.0, 900.0, 0.0)]);
     let constant = |speed_rpm| Action::Spindle {
         spindle: 0,
         direction: SpindleDirection::Clockwise,
         speed_rpm,
     };
-    assert_eq!(begins(false, "M3\n")[0], constant(0.0));
+    assert_eq!(after(false, "M3\n")[0], constant(0.0));
     // After M2 too.
-    let told = begins(true, "M3\nM2\n");
+    let ended = after(true, "M3\nM2\n");
     assert!(
-        matches!(told[1], Action::Spindle { direction: SpindleDirection::Stopped, speed_rpm, .. } if speed_rpm == 0.0),
-        "{told:?}"
+        matches!(ended[1], Action::Spindle { direction: SpindleDirection::Stopped, speed_rpm, .. } if speed_rpm == 0.0),
+        "{ended:?}"
     );
 }
 
@@ -333,8 +336,8 @@ fn indivisible_moves_use_the_slowest_feed() {
     });
     let mut count = 0;
     for motion in pieces {
-        let places = (0..=50).map(|k| motion.curve.position(motion.curve.domain() * f64::from(k) / 50.0)[0]);
-        let widest = places.fold(0.0, f64::max);
+        let xs = (0..=50).map(|k| motion.curve.position(motion.curve.domain() * f64::from(k) / 50.0)[0]);
+        let widest = xs.fold(0.0, f64::max);
         let slowest = 0.2 * rpm(100.0, 4000.0, widest) / 60.0;
         assert!(
             (motion.feed_mm_s / slowest - 1.0).abs() < 0.0102,
@@ -344,14 +347,14 @@ fn indivisible_moves_use_the_slowest_feed() {
         count += 1;
     }
     assert!(count > 0);
-    let behind = feeds("G21 G18 G8 G95 G96 S200 M3\nG0 X60 Z0\nG97 S600\nG1 X20 F0.2\nM2\n");
-    assert_eq!(behind, [2.0]);
+    let feed_after_drilling = feeds("G21 G18 G8 G95 G96 S200 M3\nG0 X60 Z0\nG97 S600\nG1 X20 F0.2\nM2\n");
+    assert_eq!(feed_after_drilling, [2.0]);
 }
 
 #[test]
 fn an_mdi_block_divides_its_moves() {
     let settings = Settings {
-        is_block: true,
+        is_mdi: true,
         outputs: of_first(SpindleOutput {
             direction: SpindleDirection::Clockwise,
             surface: Some(SurfaceSpeed {
@@ -369,9 +372,9 @@ fn an_mdi_block_divides_its_moves() {
         matches!(&command.action, Action::Move(motion) if motion.kind == MoveKind::Feed)
     });
     assert!(moves.count() > 50);
-    let told = spindles(&run("G21 G96 S100 M3\nM5\nG92 X5\nG0 X1\nM2\n"));
+    let commands_to_spindle = spindles(&run("G21 G96 S100 M3\nM5\nG92 X5\nG0 X1\nM2\n"));
     // On, off, and the end of the surface speed: a stopped spindle receives no new centre.
-    assert_eq!(told.len(), 3, "{told:?}");
+    assert_eq!(commands_to_spindle.len(), 3, "{commands_to_spindle:?}");
 }
 
 #[test]
@@ -387,7 +390,7 @@ fn rotary_moves_are_fed_in_degrees_per_revolution() {
 }
 
 #[test]
-fn outputs_have_the_way_and_the_speed_of_the_place() {
+fn outputs_have_direction_and_speed_at_a_position() {
     let mut outputs = Outputs::default();
     let surface = SurfaceSpeed {
         speed_m_min: 100.0,

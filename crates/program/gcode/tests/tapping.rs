@@ -70,21 +70,22 @@ fn a_measured_spindle_taps_rigidly() {
             })
             .collect();
         assert_eq!(taps.len(), 2, "{program}");
-        for (start, end, told, factor) in taps {
-            assert!((told - pitch).abs() < 1e-12 && factor == 1.0, "{told}");
+        for (start, end, pitch_mm, factor) in taps {
+            assert!((pitch_mm - pitch).abs() < 1e-12 && factor == 1.0, "{pitch_mm}");
             assert!(start[2] > end[2] && start[0] == end[0] && start[1] == end[1]);
         }
         // No command to the spindle: the tap itself reverses it.
-        let orders = (commands.iter()).filter(|command| matches!(command.action, Action::Spindle { .. }));
-        assert_eq!(orders.count(), 2, "on and off: {program}");
+        let spindle_commands =
+            (commands.iter()).filter(|command| matches!(command.action, Action::Spindle { .. }));
+        assert_eq!(spindle_commands.count(), 2, "on and off: {program}");
     }
     let without_speed = "G21 G94 F600 S0 M3\nG0 Z5\nG84 X1 Y2 Z-8 R1\nM2\n";
     let found = interpret(without_speed, settings.clone()).1;
     assert_eq!(found.len(), 1, "{found:?}");
     let with_dwell = "G21 G94 F600 S500 M3\nG0 Z5\nG84 X1 Y2 Z-8 R1 P2\nM2\n";
-    let warned = interpret(with_dwell, settings).0;
+    let commands_with_dwell = interpret(with_dwell, settings).0;
     assert!(
-        warned
+        commands_with_dwell
             .iter()
             .any(|command| matches!(&command.action, Action::Warning(text) if text.contains("G84: P")))
     );

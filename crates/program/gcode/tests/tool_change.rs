@@ -104,7 +104,7 @@ fn the_line_is_divided_at_the_change() {
     assert_eq!(run.calls(), ["2 0 12 0"]);
     assert_eq!(run.tool, 2.0);
     let of_line = |line: u32| -> Vec<String> {
-        let found = run.actions.iter().filter(|(at, _)| *at == line);
+        let found = run.actions.iter().filter(|(index, _)| *index == line);
         let names = found.map(|(_, action)| match action {
             Action::Move(step) => format!("move {:?}", (step.curve.end()[0], step.feed_mm_s.is_finite())),
             Action::Spindle {
@@ -147,11 +147,11 @@ fn the_line_is_divided_at_the_change() {
         mist: false,
         flood: false,
     };
-    let at = run
+    let index = run
         .actions
         .iter()
         .position(|(_, action)| *action == Action::ChangeTool(2));
-    assert_eq!(run.actions[at.unwrap() - 1].1, coolant);
+    assert_eq!(run.actions[index.unwrap() - 1].1, coolant);
     let stops = Action::Spindle {
         spindle: 0,
         direction: SpindleDirection::Stopped,
@@ -161,7 +161,7 @@ fn the_line_is_divided_at_the_change() {
 }
 
 #[test]
-fn the_tool_that_is_in_the_spindle_is_not_changed() {
+fn the_tool_in_the_spindle_is_not_changed() {
     let magazine = Magazine::new(TABLE, false, CHANGE);
     let run = magazine.run("G21 F600\nT2 M6\nT2 M6 G1 X3\nT0 M6\nM2\n");
     assert_eq!(run.errors, []);
@@ -222,7 +222,7 @@ fn t_selects_the_pocket_of_the_loaded_tool() {
 }
 
 #[test]
-fn what_table_and_subroutine_contradict_is_refused() {
+fn inconsistent_tool_tables_are_rejected() {
     let program = "T2 M6\nM2\n";
     let missing = Magazine::new("T1 P11\n", false, CHANGE).run(program);
     assert_eq!(missing.error().code, Code::UnknownTool);
@@ -333,9 +333,9 @@ fn a_tool_is_measured_in_its_change() {
     let mut interpreter = Interpreter::new("G21\nT2 M6 G43\nM2\n".as_bytes(), magazine.settings);
     while let Some(command) = interpreter.next() {
         if let Action::Probe { curve, .. } = command.unwrap().action {
-            let mut at = curve.end();
-            at[2] = -30.0;
-            assert!(interpreter.answer_probe(&at, &at, true));
+            let mut index = curve.end();
+            index[2] = -30.0;
+            assert!(interpreter.set_probe_result(&index, &index, true));
         }
     }
     let tool = interpreter.tools().unwrap().get(2).copied().unwrap();

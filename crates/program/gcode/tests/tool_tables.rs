@@ -32,8 +32,8 @@ fn offsets_without_a_tool_table_are_errors() {
     };
     let (commands, found) = interpret("T1 M6\nG43 H1\n", lenient);
     assert!(found.is_empty(), "{found:?}");
-    let is_told = |command: &CanonicalCommand| matches!(&command.action, Action::Warning(text) if text.contains("tool 1"));
-    assert!(commands.iter().any(is_told), "{commands:?}");
+    let is_reported = |command: &CanonicalCommand| matches!(&command.action, Action::Warning(text) if text.contains("tool 1"));
+    assert!(commands.iter().any(is_reported), "{commands:?}");
     let with_table = Settings {
         tools: Some(ToolTable::parse("T2 P2 Z3\n").unwrap()),
         ..Settings::default()

@@ -59,15 +59,15 @@ fn roughing_leaves_the_distance_to_any_profile() {
         for code in ["G71", "G71.1", "G71.2"] {
             // The first move starts at the machine's zero.
             for step in rough(code).into_iter().skip(1) {
-                for share in 0..=8 {
+                for fraction in 0..=8 {
                     let at = step
                         .curve
-                        .at(f64::from(share) / 8.0 * step.curve.length())
+                        .at(f64::from(fraction) / 8.0 * step.curve.length())
                         .position;
-                    if let Some(low) = height(&chain, at[2]) {
+                    if let Some(min_radius) = height(&chain, at[2]) {
                         // The distance is kept everywhere, along X at least as well as across.
                         assert!(
-                            at[0] >= low + 0.1 - 1e-3,
+                            at[0] >= min_radius + 0.1 - 1e-3,
                             "case {case}, {code}: X{} Z{}",
                             at[0],
                             at[2]
@@ -83,7 +83,7 @@ fn roughing_leaves_the_distance_to_any_profile() {
             .collect();
         let mut z = -0.05;
         while z > end + 1.0 {
-            let low = height(&chain, z).unwrap();
+            let min_radius = height(&chain, z).unwrap();
             let reached = cuts
                 .iter()
                 .flat_map(|step| {
@@ -96,8 +96,8 @@ fn roughing_leaves_the_distance_to_any_profile() {
                 .fold(f64::INFINITY, f64::min);
             // 0.1 across a slope is more along X: at most by the steepest slope of these profiles.
             assert!(
-                reached - low < 12.0,
-                "case {case}: Z{z} is left at {reached}, {low} wanted"
+                reached - min_radius < 12.0,
+                "case {case}: Z{z} is left at {reached}, {min_radius} wanted"
             );
             z -= 0.7;
         }
@@ -167,7 +167,7 @@ fn invalid_profile_cycles_are_rejected() {
 
 /// Each of two numbers is valid by itself; together they would exhaust memory.
 #[test]
-fn cycles_that_would_never_end_are_refused() {
+fn cycles_with_too_many_passes_are_rejected() {
     let pocket = "O1 sub\nG0 X30 Z0\nG1 Z-5\nX10 Z-10\nZ-15\nX30 Z-20\nO1 endsub\n";
     let lathe = |line: &str| format!("{pocket}G18 F100\n{line}\nM2\n");
     for (program, line) in [
@@ -192,7 +192,7 @@ fn cycles_that_would_never_end_are_refused() {
 }
 
 #[test]
-fn an_arc_in_a_turned_upright_plane_is_the_circle() {
+fn an_arc_in_a_rotated_vertical_plane_is_circular() {
     let degrees = 30.0_f64;
     let program =
         format!("G21 F600\nG10 L2 P1 X4 Y5 Z6 R{degrees}\nG18\nG0 X10 Y2 Z0\nG3 X40 Z0 I15 K0 Y5\nM2\n");
@@ -202,8 +202,8 @@ fn an_arc_in_a_turned_upright_plane_is_the_circle() {
         .replace("G18\n", "G18 G90.1\n")
         .replace("I15 K0", "I25 K0");
     for (same, step) in moves(&absolute).iter().zip(&found) {
-        for share in [0.25, 0.5, 1.0] {
-            let at = |step: &Move| step.curve.position(share * step.curve.domain());
+        for fraction in [0.25, 0.5, 1.0] {
+            let at = |step: &Move| step.curve.position(fraction * step.curve.domain());
             assert!((at(same) - at(step)).norm() < 1e-9);
         }
     }
@@ -218,8 +218,10 @@ fn an_arc_in_a_turned_upright_plane_is_the_circle() {
     let mut total = 0.0;
     for step in arc {
         total += step.curve.length();
-        for share in 0..=16 {
-            let at = step.curve.position(f64::from(share) / 16.0 * step.curve.domain());
+        for fraction in 0..=16 {
+            let at = step
+                .curve
+                .position(f64::from(fraction) / 16.0 * step.curve.domain());
             // In program coordinates: a semicircle of radius 15 about X25 Z0, Y rising with the angle.
             let (dx, dy, z) = (at[0] - 4.0, at[1] - 5.0, at[2] - 6.0);
             let (x, y) = (cos * dx + sin * dy, cos * dy - sin * dx);
@@ -272,12 +274,12 @@ fn input_and_probe_results_reach_the_next_line() {
     let mut ends = Vec::new();
     while let Some(item) = interpreter.next() {
         match item.unwrap().action {
-            Action::WaitInput { .. } => interpreter.answer_input(7.0),
+            Action::WaitInput { .. } => interpreter.set_input_result(7.0),
             Action::Probe { curve, .. } => {
                 let mut at = curve.end();
                 at[2] = -3.5;
-                assert!(interpreter.answer_probe(&at, &at, true));
-                assert!(!interpreter.answer_probe(&at, &Axes::repeat(f64::NAN), true));
+                assert!(interpreter.set_probe_result(&at, &at, true));
+                assert!(!interpreter.set_probe_result(&at, &Axes::repeat(f64::NAN), true));
             }
             Action::Move(step) => {
                 ends.push((step.curve.start()[2], step.curve.end()[0], step.curve.end()[1]));

@@ -42,7 +42,7 @@ fn moves(program: &str) -> Vec<(f64, f64, Option<f64>)> {
 }
 
 /// The height field that remains of a cylinder, in steps of 0.1 mm, cut by a tool of zero width.
-fn left_over(program: &str, x0: f64, z0: f64, length: f64) -> Vec<f64> {
+fn remaining_stock(program: &str, x0: f64, z0: f64, length: f64) -> Vec<f64> {
     let actions = run_with(program, lathe()).unwrap();
     let count = (length / 0.1).round() as usize;
     let mut field = vec![x0; count];
@@ -92,7 +92,7 @@ fn a_longitudinal_cycle_has_passes_of_its_depth() {
 fn turning_passes_leave_the_contour_with_its_cone() {
     for (words, allowance) in [("D1.7", 0.0), ("D1.7 H0.4", 0.0), ("D50", 0.0), ("D0.3 H1", 0.0)] {
         let program = format!("G21 G18 F100\nG0 X30 Z1\nG82 X40 Z-20 R54 L-30 {words}\nM2\n");
-        let field = left_over(&program, 30.0, 1.0, 40.0);
+        let field = remaining_stock(&program, 30.0, 1.0, 40.0);
         for (index, height) in field.iter().enumerate() {
             let z = 1.0 - 0.1 * (index as f64 + 0.5);
             // Cylinder, cone from radius 20 to 27, shoulder, stock.

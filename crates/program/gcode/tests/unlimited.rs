@@ -1,12 +1,12 @@
 //! Unlimited rotary axes: the target of G90, and the angle that programs read. Values computed by hand.
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
-use evolvent_gcode::{Action, Interpreter, Move, RotaryWay, Settings};
+use evolvent_gcode::{Action, Interpreter, Move, RotaryDirection, Settings};
 use evolvent_path::Axes;
 
-fn settings(way: RotaryWay) -> Settings {
+fn settings(direction: RotaryDirection) -> Settings {
     let mut settings = Settings::default();
-    settings.features.unlimited[5] = Some(way);
+    settings.features.unlimited[5] = Some(direction);
     settings
 }
 
@@ -28,8 +28,8 @@ fn angles(program: &str, settings: Settings) -> Vec<f64> {
 }
 
 #[test]
-fn the_shorter_direction_holds_for_every_motion() {
-    let shorter = || settings(RotaryWay::Shorter);
+fn every_motion_uses_the_shorter_direction() {
+    let shorter = || settings(RotaryDirection::Shorter);
     assert_eq!(
         angles("G0 C350\nG1 F100 C10\nC100\nC-170\nG0 C0", shorter()),
         // Half a turn goes in the positive direction.
@@ -49,8 +49,8 @@ fn the_shorter_direction_holds_for_every_motion() {
 }
 
 #[test]
-fn the_sign_says_the_way() {
-    let sign = || settings(RotaryWay::Sign);
+fn the_sign_selects_the_direction() {
+    let sign = || settings(RotaryDirection::Sign);
     assert_eq!(
         angles("G0 C350\nC10\nC-350\nC-0\nC-90\nC90\nC0", sign()),
         // C90 is the position reached by C-90.
@@ -69,8 +69,8 @@ fn the_sign_says_the_way() {
 }
 
 #[test]
-fn offsets_and_stored_places_are_angles_too() {
-    let shorter = || settings(RotaryWay::Shorter);
+fn offsets_and_stored_positions_are_angles() {
+    let shorter = || settings(RotaryDirection::Shorter);
     assert_eq!(
         angles("G0 C100\nG92 C0\nG0 C-10\nC300", shorter()),
         [100.0, 90.0, 40.0]
@@ -91,17 +91,17 @@ fn offsets_and_stored_places_are_angles_too() {
 }
 
 #[test]
-fn programs_see_an_angle_of_a_turn() {
+fn programs_read_angles_within_one_turn() {
     let program = "G91 G0 C-10\nG90\nX[#5425] Y[#<_c>] Z[#<_abs_c>]\nG91 C380\nG90 X[#5425]";
-    let seen = moves(program, settings(RotaryWay::Shorter)).unwrap();
-    let ends: Vec<_> = seen.iter().map(|step| step.curve.end()).collect();
+    let moves_made = moves(program, settings(RotaryDirection::Shorter)).unwrap();
+    let ends: Vec<_> = moves_made.iter().map(|step| step.curve.end()).collect();
     assert_eq!((ends[1][0], ends[1][1], ends[1][2]), (350.0, 350.0, 350.0));
     assert_eq!((ends[2][5], ends[3][0]), (370.0, 10.0));
 }
 
 #[test]
-fn other_rotary_axes_go_to_the_number() {
-    let mut both = settings(RotaryWay::Shorter);
+fn limited_rotary_axes_move_to_the_programmed_value() {
+    let mut both = settings(RotaryDirection::Shorter);
     both.features.unlimited[3] = None;
     let moves = moves("G0 A350 C350", both).unwrap();
     let end = moves[0].curve.end();

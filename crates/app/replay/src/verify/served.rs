@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
 
-use evolvent_gcode::{CanonicalCommand, Diagnostic, Interpreter, KeptParameters, ToolTable};
+use evolvent_gcode::{CanonicalCommand, Diagnostic, Interpreter, PersistentParameters, ToolTable};
 use evolvent_motion::{MotionState, flags};
 use evolvent_path::Axes;
 use evolvent_runtime::{JobStart, Moved, ProgramMemory, ProgramStart, ServedAgain, Setup, Switched};
@@ -388,7 +388,7 @@ impl Served<'_> {
                     .map(|tools| memory.tools = Some(tools))
                     .map_err(|error| error.to_string())
             } else {
-                KeptParameters::parse(&found)
+                PersistentParameters::parse(&found)
                     .map(|kept| memory.kept = Some(kept))
                     .map_err(|error| error.to_string())
             };

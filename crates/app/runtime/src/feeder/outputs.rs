@@ -39,7 +39,7 @@ impl NextBlock {
             override_counts: true,
             switches: OverrideSwitches::default(),
             without_override: None,
-            awaits_speed: outputs.spindles.map(|spindle| spindle.turns()),
+            awaits_speed: outputs.spindles.map(|spindle| spindle.is_rotating()),
             has_left_radius: [false; SPINDLES],
             follows: 0,
         }
@@ -161,13 +161,13 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         if motion.kind == MoveKind::Rapid {
             let moves_x = motion.curve.start()[0] != motion.curve.end()[0];
             for (has_left, spindle) in self.next.has_left_radius.iter_mut().zip(&outputs.spindles) {
-                *has_left |= spindle.turns() && spindle.surface.is_some() && moves_x;
+                *has_left |= spindle.is_rotating() && spindle.surface.is_some() && moves_x;
             }
             return;
         }
         let spindle = outputs.spindle(command.feed_spindle);
         let law = match command.feed_mm_rev {
-            Some(_) if spindle.turns() => FeedLaw::Revolution {
+            Some(_) if spindle.is_rotating() => FeedLaw::Revolution {
                 spindle: command.feed_spindle,
                 speed: spindle.speed(),
             },
@@ -186,7 +186,9 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     /// Sets the feed law to time if the next action stops the spindle that feed follows. Otherwise the block
     /// that changes the law could not begin.
     fn release_feed(&mut self, spindle: u32) -> Result<(), PlanError<QueueClosed>> {
-        if self.next.feed_law.spindle() != Some(spindle) || self.periphery.outputs.spindle(spindle).turns() {
+        if self.next.feed_law.spindle() != Some(spindle)
+            || self.periphery.outputs.spindle(spindle).is_rotating()
+        {
             return Ok(());
         }
         self.next.feed_law = FeedLaw::Time;

@@ -81,7 +81,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             };
             match self.wait_for_input(kind, index, mode, timeout_s, line) {
                 // -1 for an unknown input, as after a timeout.
-                Ok(value) => commands.answer_input(value.unwrap_or(-1.0)),
+                Ok(value) => commands.set_input_result(value.unwrap_or(-1.0)),
                 Err(_gone) => return Ok(Waited::Gone),
             }
             self.report_blocks(false);
@@ -113,7 +113,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 })));
             }
             let tripped = result.verdict == ProbeVerdict::Contact;
-            commands.answer_probe(&result.position, &result.stop_position, tripped);
+            commands.set_probe_result(&result.position, &result.stop_position, tripped);
             if let Some((message, help)) = self.log_probe(commands, tripped) {
                 return Err(self.refused(command, program, message, help));
             }
@@ -167,7 +167,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     /// Waits for the speed of one spindle, if anything reports it.
     fn await_speed(&mut self, number: u32, line: u32) -> Result<Option<(String, String)>, QueueClosed> {
         let output = self.periphery.outputs.spindle(number);
-        let turns = output.turns() && output.speed().rpm_at(0.0) > 0.0;
+        let turns = output.is_rotating() && output.speed().rpm_at(0.0) > 0.0;
         let Some(spindle) = self.setup.machine.signals.spindle(number).filter(|_| turns) else {
             return Ok(None);
         };

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant, SystemTime};
 use evolvent_bus::ControlRequest;
 use evolvent_config::{no_reply, open_regular, read_regular};
 use evolvent_control::{Alarm, OperatorCommand, Rejection};
-use evolvent_gcode::{KeptParameters, Restored, Settings, ToolTable};
+use evolvent_gcode::{MdiPreamble, PersistentParameters, Settings, ToolTable};
 
 use super::checking::{CheckVerdict, Coverage, judge};
 use super::modes::{After, simulate_modes};
@@ -99,7 +99,7 @@ pub(super) enum Found {
     Mdi {
         after: Box<After>,
         file: ProgramFile,
-        restored: Restored,
+        restored: MdiPreamble,
     },
     /// `None` if there is no file.
     Tools(Option<ToolTable>),
@@ -122,7 +122,7 @@ pub(super) struct MdiBlock {
     pub(super) preamble: String,
     pub(super) text: String,
     pub(super) settings: Settings,
-    pub(super) kept: KeptParameters,
+    pub(super) kept: PersistentParameters,
     pub(super) folder: PathBuf,
     pub(super) setup: Setup,
 }

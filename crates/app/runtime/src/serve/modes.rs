@@ -1,7 +1,8 @@
 //! Modes between jobs: those in force when a block of MDI starts, and those that it leaves.
 
 use evolvent_gcode::{
-    Diagnostic, Interpreter, KeptParameters, Modal, Outputs, Restored, Settings, StartOffsets, ToolTable,
+    Diagnostic, Interpreter, MdiPreamble, Modal, Outputs, PersistentParameters, Settings, StartOffsets,
+    ToolTable,
 };
 use evolvent_path::{Axes, AxisLetter};
 
@@ -9,7 +10,7 @@ use evolvent_path::{Axes, AxisLetter};
 #[derive(Clone, Debug)]
 pub(crate) struct After {
     pub modes: Modes,
-    pub kept: KeptParameters,
+    pub kept: PersistentParameters,
     pub tools: Option<ToolTable>,
 }
 
@@ -28,12 +29,12 @@ pub(crate) struct Modes {
 impl Modes {
     /// The modes at the start of a program.
     pub(crate) fn at_start(settings: &Settings) -> Result<Self, Box<Diagnostic>> {
-        simulate_modes("", settings, &KeptParameters::default()).map(|after| after.modes)
+        simulate_modes("", settings, &PersistentParameters::default()).map(|after| after.modes)
     }
 
     /// What an interpreter must know of the preamble and the previous modes before it reads the text.
-    pub(crate) fn restored(&self, preamble: &str) -> Restored {
-        Restored {
+    pub(crate) fn restored(&self, preamble: &str) -> MdiPreamble {
+        MdiPreamble {
             lines: preamble.lines().count() as u32,
             active_spindle: self.active_spindle,
         }
@@ -102,13 +103,13 @@ fn selects_work(word: &str) -> bool {
 pub(crate) fn simulate_modes(
     text: &str,
     settings: &Settings,
-    kept: &KeptParameters,
+    kept: &PersistentParameters,
 ) -> Result<After, Box<Diagnostic>> {
     let lines = text.lines().count() as u32;
     let padded = format!("{text}\n\n");
     // Modes persist from block to block, including the mode of the spindle (G96).
     let settings = Settings {
-        is_block: true,
+        is_mdi: true,
         ..settings.clone()
     };
     let mut interpreter = Interpreter::new(padded.as_bytes(), settings.clone());
@@ -120,7 +121,7 @@ pub(crate) fn simulate_modes(
         let tools = interpreter.tools().cloned();
         let fresh = Settings {
             outputs: Outputs::default(),
-            restored: Restored::default(),
+            preamble: MdiPreamble::default(),
             inches: interpreter.modal().codes.contains(&200),
             offsets: StartOffsets {
                 work: std::array::from_fn(|index| kept.work_offset(index)),
@@ -155,7 +156,7 @@ mod tests {
     fn after(text: &str, active: usize) -> After {
         let mut settings = Settings::default();
         settings.offsets.active = active;
-        simulate_modes(text, &settings, &KeptParameters::default()).unwrap()
+        simulate_modes(text, &settings, &PersistentParameters::default()).unwrap()
     }
 
     #[test]
@@ -223,7 +224,7 @@ mod tests {
         let before = simulate_modes(
             &format!("#5070=1\n{abort}"),
             &Settings::default(),
-            &KeptParameters::default(),
+            &PersistentParameters::default(),
         );
         assert!(before.is_err());
     }
@@ -263,7 +264,7 @@ mod tests {
     #[test]
     fn errors_and_offsets_are_known_before_motion() {
         let settings = Settings::default();
-        let kept = KeptParameters::default();
+        let kept = PersistentParameters::default();
         assert!(simulate_modes("G1 X1\n", &settings, &kept).is_err(), "no feed");
         let after = simulate_modes("G10 L2 P2 X7\n", &settings, &kept).unwrap();
         assert_eq!(after.kept.work_offset(1)[0], 7.0);
@@ -273,7 +274,7 @@ mod tests {
     fn the_feed_of_another_spindle_persists_across_blocks() {
         let mut settings = Settings::default();
         settings.features.spindles = [true; evolvent_gcode::SPINDLES];
-        let kept = KeptParameters::default();
+        let kept = PersistentParameters::default();
         let mut text = "G95 F0.2 S300 $1\n".to_owned();
         for block in ["M3 $1\n", "G0 X1\n", "G20\n"] {
             let after = simulate_modes(&text, &settings, &kept).unwrap();
@@ -291,7 +292,7 @@ mod tests {
     fn thread_and_feed_spindles_persist_across_blocks() {
         let mut settings = Settings::default();
         settings.features.spindles = [true; evolvent_gcode::SPINDLES];
-        let kept = KeptParameters::default();
+        let kept = PersistentParameters::default();
         let mut text = "G95 F0.2 S300 $1\n".to_owned();
         for (block, active) in [
             ("G0 X1\n", 1),
@@ -306,14 +307,14 @@ mod tests {
             let after = simulate_modes(&text, &settings, &kept).unwrap().modes;
             assert_eq!(after.active_spindle, active, "after {block:?}");
             text = after.preamble();
-            settings.restored = after.restored(&text);
+            settings.preamble = after.restored(&text);
         }
     }
 
     #[test]
     fn the_spindle_mode_persists_across_blocks() {
         let mut settings = Settings::default();
-        let kept = KeptParameters::default();
+        let kept = PersistentParameters::default();
         let after = simulate_modes("G96 D900 S180 M3\n", &settings, &kept).unwrap();
         assert!(after.modes.modal.codes.contains(&960));
         settings.outputs.spindles[0].surface = Some(evolvent_path::SurfaceSpeed {
@@ -329,7 +330,7 @@ mod tests {
     #[test]
     fn m2_resets_modes_and_keeps_parameters() {
         let settings = Settings::default();
-        let kept = KeptParameters::default();
+        let kept = PersistentParameters::default();
         for end in ["M2", "M30"] {
             let first = simulate_modes(&format!("G10 L2 P1 X9 {end}\n"), &settings, &kept).unwrap();
             assert_eq!(first.modes.modal.work_offset[0], 9.0, "{end}");
@@ -362,7 +363,7 @@ mod tests {
     #[test]
     fn compensation_left_on_by_mdi_is_refused_with_advice() {
         let fault = |text: &str| {
-            let kept = KeptParameters::default();
+            let kept = PersistentParameters::default();
             simulate_modes(text, &Settings::default(), &kept).err()
         };
         for text in [

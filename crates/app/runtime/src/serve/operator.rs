@@ -202,7 +202,7 @@ impl Operator {
         setup
     }
 
-    pub(super) fn kept(&self) -> evolvent_gcode::KeptParameters {
+    pub(super) fn kept(&self) -> evolvent_gcode::PersistentParameters {
         self.store.memory.kept.clone().unwrap_or_default()
     }
 

@@ -228,7 +228,7 @@ impl Operator {
         &mut self,
         after: After,
         file: &ProgramFile,
-        restored: evolvent_gcode::Restored,
+        restored: evolvent_gcode::MdiPreamble,
     ) -> Result<u64, Rejection> {
         let mut setup = self.setup_here();
         (setup.is_mdi, setup.restored) = (true, restored);

@@ -201,7 +201,7 @@ impl Operator {
     fn with_offset(
         &self,
         system: u32,
-        offset: impl FnOnce(usize, &evolvent_gcode::KeptParameters) -> Axes,
+        offset: impl FnOnce(usize, &evolvent_gcode::PersistentParameters) -> Axes,
     ) -> ProgramMemory {
         let mut kept = self.kept();
         let index = match system {
@@ -227,7 +227,7 @@ impl Operator {
                 let tip = self.view.setpoint.position - self.program.modes.modal.tool_offset;
                 let g92 = self.g92();
                 Some(self.with_offset(*system, |index, kept| {
-                    kept.touched_off(index, *axes, values, &tip, &g92)
+                    kept.touch_off(index, *axes, values, &tip, &g92)
                 }))
             }
             OperatorCommand::Tool(entry) => Some(self.store.with_tool(entry)),

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
 
-use evolvent_gcode::{KeptParameters, ToolTable};
+use evolvent_gcode::{PersistentParameters, ToolTable};
 
 use super::files::{FileVersion, ProgramFile};
 use crate::job::Setup;
@@ -27,7 +27,7 @@ pub(super) struct JobNotes {
     planned: Option<JobStart>,
     /// The last attachment and its name.
     tools: Option<(ToolTable, String)>,
-    parameters: Option<(KeptParameters, String)>,
+    parameters: Option<(PersistentParameters, String)>,
     program: Option<(FileVersion, String, Option<Arc<ProgramCopy>>)>,
 }
 

@@ -6,7 +6,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use evolvent_control::ToolEntry;
-use evolvent_gcode::{KeptParameters, StoreError, Tool, ToolTable};
+use evolvent_gcode::{PersistentParameters, StoreError, Tool, ToolTable};
 use evolvent_path::AXES;
 
 use super::change_mark::ChangeMark;
@@ -127,7 +127,7 @@ impl StateStore {
                     let _unwritten = mark.write(folder);
                     change = Some(mark);
                 }
-                memory.kept = Some(KeptParameters::default());
+                memory.kept = Some(PersistentParameters::default());
                 memory.kept_file = Some(file);
             }
         }

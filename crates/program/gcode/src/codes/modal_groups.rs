@@ -101,7 +101,7 @@ pub(crate) enum Cycle {
 
 impl Cycle {
     /// Whether it needs a rotating spindle, and stops or reverses it.
-    pub(crate) fn turns_spindle(self) -> bool {
+    pub(crate) fn uses_spindle(self) -> bool {
         matches!(
             self,
             Self::Tap | Self::TapLeft | Self::BoreStop | Self::BackBore | Self::BoreManual
@@ -111,7 +111,7 @@ impl Cycle {
 
 impl Motion {
     /// Whether it uses a spindle, which `$` can name.
-    pub(crate) fn turns_spindle(self) -> bool {
+    pub(crate) fn uses_spindle(self) -> bool {
         match self {
             Self::Thread
             | Self::FanucThread
@@ -119,7 +119,7 @@ impl Motion {
             | Self::RigidTap
             | Self::ThreadCycle
             | Self::Turning(_) => true,
-            Self::Cycle(cycle) => cycle.turns_spindle(),
+            Self::Cycle(cycle) => cycle.uses_spindle(),
             _ => false,
         }
     }
@@ -227,7 +227,7 @@ pub(crate) enum NonModal {
 
 impl NonModal {
     /// Whether axis words on the line belong to it.
-    pub(crate) fn takes_axes(self) -> bool {
+    pub(crate) fn uses_axes(self) -> bool {
         matches!(
             self,
             Self::SetData | Self::Home(_) | Self::LocalOffset | Self::SetOffset
@@ -269,9 +269,9 @@ pub(crate) enum LengthOffset {
     /// G43: offset of tool H, or of the tool in the spindle.
     Table,
     /// G43.1: offset given by the axis words.
-    Given,
+    Dynamic,
     /// G43.2: offset of tool H, or of the axis words, added to the present one.
-    Added,
+    Additional,
     /// G49.
     Off,
 }
@@ -294,7 +294,7 @@ pub(crate) enum Compensation {
     Off,
     /// G41, G42: the side of the path on which the tool is, and whether D is the number of a tool (G41) or a
     /// diameter (G41.1).
-    On { left: bool, given: bool },
+    On { left: bool, dynamic: bool },
 }
 
 /// Planes, group 2. Curves exist only in the first three.
@@ -328,7 +328,7 @@ pub(crate) enum GCode {
     /// G96 (`true`), G97 (`false`).
     ConstantSurfaceSpeed(bool),
     /// G98: retract to the initial height (`true`), G99: to R.
-    RetractToOld(bool),
+    RetractToInitial(bool),
     /// G7 (`true`), G8 (`false`).
     Diameter(bool),
 }
@@ -439,11 +439,11 @@ impl GCode {
             400 => Self::Compensation(Compensation::Off),
             410 | 411 | 420 | 421 => Self::Compensation(Compensation::On {
                 left: tenths < 420,
-                given: tenths % 10 == 1,
+                dynamic: tenths % 10 == 1,
             }),
             430 => Self::LengthOffset(LengthOffset::Table),
-            431 => Self::LengthOffset(LengthOffset::Given),
-            432 => Self::LengthOffset(LengthOffset::Added),
+            431 => Self::LengthOffset(LengthOffset::Dynamic),
+            432 => Self::LengthOffset(LengthOffset::Additional),
             490 => Self::LengthOffset(LengthOffset::Off),
             520 => Self::NonModal(NonModal::LocalOffset),
             530 => Self::NonModal(NonModal::MachineCoordinates),
@@ -483,8 +483,8 @@ impl GCode {
             950 => Self::FeedMode(FeedMode::PerRevolution),
             960 => Self::ConstantSurfaceSpeed(true),
             970 => Self::ConstantSurfaceSpeed(false),
-            980 => Self::RetractToOld(true),
-            990 => Self::RetractToOld(false),
+            980 => Self::RetractToInitial(true),
+            990 => Self::RetractToInitial(false),
             _ => return None,
         })
     }
@@ -506,7 +506,7 @@ impl GCode {
             Self::WorkOffset(_) => Group::WorkOffset,
             Self::Path(_) => Group::PathControl,
             Self::ConstantSurfaceSpeed(_) => Group::SpindleMode,
-            Self::RetractToOld(_) => Group::Retract,
+            Self::RetractToInitial(_) => Group::Retract,
             Self::Diameter(_) => Group::Diameter,
         }
     }
@@ -575,7 +575,7 @@ pub(crate) enum MCode {
     FeedStop,
     /// M62 to M65.
     Output {
-        /// Synchronised with motion instead of at once.
+        /// Synchronised with motion instead of immediate.
         synchronised: bool,
         on: bool,
     },
@@ -586,7 +586,7 @@ pub(crate) enum MCode {
     /// M70.
     SaveModes,
     /// M71.
-    ForgetModes,
+    InvalidateModes,
     /// M72.
     RestoreModes,
     /// M73.
@@ -626,7 +626,7 @@ impl MCode {
             67 => Self::AnalogOutput(true),
             68 => Self::AnalogOutput(false),
             70 => Self::SaveModes,
-            71 => Self::ForgetModes,
+            71 => Self::InvalidateModes,
             72 => Self::RestoreModes,
             73 => Self::SaveAndRestoreModes,
             98 => Self::Call,
@@ -653,7 +653,7 @@ impl MCode {
             | Self::AdaptiveFeed
             | Self::FeedStop => Group::Override,
             Self::Output { .. } | Self::Input | Self::AnalogOutput(_) => Group::InputOutput,
-            Self::SaveModes | Self::ForgetModes | Self::RestoreModes | Self::SaveAndRestoreModes => {
+            Self::SaveModes | Self::InvalidateModes | Self::RestoreModes | Self::SaveAndRestoreModes => {
                 Group::Modes
             }
             Self::User(_) => Group::User,

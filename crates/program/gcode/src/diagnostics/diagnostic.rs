@@ -56,17 +56,18 @@ impl Diagnostic {
     /// commands but not words. `text` is the line as in the file.
     #[must_use]
     pub fn about_line(code: Code, line: u32, text: &[u8], letter: Option<char>, message: String) -> Self {
-        let body = text
+        let code_end = text
             .iter()
             .position(|byte| matches!(byte, b'(' | b';'))
             .unwrap_or(text.len());
-        let is = |byte: &u8| letter.is_some_and(|letter| char::from(*byte).eq_ignore_ascii_case(&letter));
-        let start = text[..body].iter().position(is);
+        let is_letter =
+            |byte: &u8| letter.is_some_and(|letter| char::from(*byte).eq_ignore_ascii_case(&letter));
+        let start = text[..code_end].iter().position(is_letter);
         let span = match start {
             Some(start) => {
-                let ends = |byte: &u8| byte.is_ascii_alphabetic() || byte.is_ascii_whitespace();
-                let length = text[start + 1..body].iter().position(ends);
-                Span::new(start, length.map_or(body, |length| start + 1 + length))
+                let is_end = |byte: &u8| byte.is_ascii_alphabetic() || byte.is_ascii_whitespace();
+                let length = text[start + 1..code_end].iter().position(is_end);
+                Span::new(start, length.map_or(code_end, |length| start + 1 + length))
             }
             None => Span::new(0, text.trim_ascii_end().len()),
         };
@@ -88,10 +89,10 @@ impl Diagnostic {
     fn render_with(&self, file_name: &str, renderer: &Renderer) -> String {
         // Only a part of a long line is kept. Spaces replace what precedes it, so that columns count as in
         // the file; the renderer truncates the line on both sides.
-        let before = self.source[..self.span.start].chars().count();
-        let missing = (self.column as usize).saturating_sub(1 + before);
-        let source = format!("{}{}", " ".repeat(missing), self.source);
-        let span = self.span.start + missing..self.span.end + missing;
+        let shown_before = self.source[..self.span.start].chars().count();
+        let hidden = (self.column as usize).saturating_sub(1 + shown_before);
+        let source = format!("{}{}", " ".repeat(hidden), self.source);
+        let span = self.span.start + hidden..self.span.end + hidden;
         let path = self.file.as_deref().unwrap_or(file_name);
         let snippet = Snippet::source(source.as_str())
             .path(path)
@@ -104,7 +105,7 @@ impl Diagnostic {
         // Recursion is shown as one line.
         let calls: Vec<String> = (self.calls)
             .chunk_by(|a, b| a == b)
-            .map(|same| same[0].told(file_name, same.len()))
+            .map(|same| same[0].description(file_name, same.len()))
             .collect();
         for call in &calls {
             group = group.element(Level::NOTE.message(call.as_str()));
@@ -117,13 +118,13 @@ impl Diagnostic {
 }
 
 impl Call {
-    fn told(&self, program: &str, times: usize) -> String {
+    fn description(&self, program: &str, count: usize) -> String {
         let file = self.file.as_deref().unwrap_or(program);
-        let times = match times {
+        let count = match count {
             1 => String::new(),
-            times => format!(", {times} calls deep"),
+            count => format!(", {count} calls deep"),
         };
-        format!("called from {file}:{}{times}", self.line)
+        format!("called from {file}:{}{count}", self.line)
     }
 }
 
@@ -148,7 +149,7 @@ pub(crate) struct Span {
 
 impl Span {
     pub(crate) fn new(start: usize, end: usize) -> Self {
-        let narrow = |place: usize| u32::try_from(place).unwrap_or(u32::MAX);
+        let narrow = |position: usize| u32::try_from(position).unwrap_or(u32::MAX);
         Self {
             start: narrow(start),
             end: narrow(end),
@@ -156,19 +157,19 @@ impl Span {
     }
 
     /// A single byte.
-    pub(crate) fn at(place: usize) -> Self {
-        Self::new(place, place + 1)
+    pub(crate) fn at(position: usize) -> Self {
+        Self::new(position, position + 1)
     }
 }
 
 /// An error whose line is not known yet, as returned inside this crate. Boxed, because every number and every
 /// expression returns a result.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Fault(Box<Body>);
+pub(crate) struct Fault(Box<FaultData>);
 
 /// The contents of a [`Fault`].
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Body {
+pub(crate) struct FaultData {
     pub(crate) code: Code,
     pub(crate) span: Span,
     pub(crate) message: String,
@@ -176,15 +177,15 @@ pub(crate) struct Body {
 }
 
 impl std::ops::Deref for Fault {
-    type Target = Body;
+    type Target = FaultData;
 
-    fn deref(&self) -> &Body {
+    fn deref(&self) -> &FaultData {
         &self.0
     }
 }
 
 impl std::ops::DerefMut for Fault {
-    fn deref_mut(&mut self) -> &mut Body {
+    fn deref_mut(&mut self) -> &mut FaultData {
         &mut self.0
     }
 }
@@ -192,7 +193,7 @@ impl std::ops::DerefMut for Fault {
 impl Fault {
     #[cold]
     pub(crate) fn new(code: Code, span: Span, message: impl Into<String>) -> Self {
-        Self(Box::new(Body {
+        Self(Box::new(FaultData {
             code,
             span,
             message: message.into(),
@@ -207,12 +208,12 @@ impl Fault {
 
     /// Adds the line number. `text` is the line, in any bytes.
     pub(crate) fn locate(self, line: u32, text: &[u8]) -> Diagnostic {
-        let body = *self.0;
-        body.locate(line, text)
+        let data = *self.0;
+        data.locate(line, text)
     }
 }
 
-impl Body {
+impl FaultData {
     fn locate(self, line: u32, text: &[u8]) -> Diagnostic {
         let end = (self.span.end as usize).min(text.len());
         let start = (self.span.start as usize).min(end);
@@ -284,8 +285,8 @@ mod tests {
     #[test]
     fn columns_count_characters_and_spans_count_bytes() {
         let text = "(\u{e9}\u{e9}) G1 X?".as_bytes();
-        let place = text.len() - 1;
-        let found = Fault::new(Code::UnexpectedCharacter, Span::at(place), "what").locate(3, text);
+        let position = text.len() - 1;
+        let found = Fault::new(Code::UnexpectedCharacter, Span::at(position), "what").locate(3, text);
         assert_eq!((found.line, found.column, found.length), (3, 10, 1));
         assert_eq!(&found.source[found.span], "?");
     }
@@ -299,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_line_is_cut_around_the_place() {
+    fn a_long_line_is_truncated_around_the_error() {
         let mut text = vec![b' '; 50_000];
         text[30_000] = b'?';
         let found = Fault::new(Code::UnexpectedCharacter, Span::at(30_000), "what").locate(1, &text);
@@ -314,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn rendering_shows_code_place_line_mark_and_help() {
+    fn rendering_shows_code_position_line_marker_and_help() {
         let fault = Fault::new(Code::UnknownG, Span::new(3, 6), "there is no G77").help("write G1");
         let shown = fault.locate(12, b"N1 G77 X3").render("part.ngc");
         for expected in [

@@ -2,7 +2,7 @@
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::diagnostics::foreign_line::{self, Surroundings};
+use crate::diagnostics::foreign_line::{self, DialectContext};
 use crate::syntax::block::Block;
 
 /// Keywords with which lines of other dialects start.
@@ -97,7 +97,7 @@ const FORMS: [Form; 6] = [
 
 /// Replaces the error of a line by a better one if the line is written in another dialect.
 #[cold]
-pub(crate) fn explain(text: &[u8], block: &Block, fault: Fault, around: Surroundings) -> Fault {
+pub(crate) fn explain(text: &[u8], block: &Block, fault: Fault, context: DialectContext) -> Fault {
     let code = |form: &Form| {
         let has = |letter: &u8| block.words.iter().any(|word| word.letter == *letter);
         let mut codes = block.words.iter().filter(|word| word.letter == b'G');
@@ -108,18 +108,18 @@ pub(crate) fn explain(text: &[u8], block: &Block, fault: Fault, around: Surround
         if let Some(span) = code(form) {
             let better = Fault::new(fault.code, span, form.message);
             return match (form.code, value_of(block, b'S')) {
-                (50.0 | 92.0, Some(most)) => better.help(format!(
-                    "delete the line, and write D{most} on every line with G96, as in G96 D{most} S..: a G96 \
+                (50.0 | 92.0, Some(max)) => better.help(format!(
+                    "delete the line, and write D{max} on every line with G96, as in G96 D{max} S..: a G96 \
                      without D has no limit but the spindle's"
                 )),
                 _ => better.help(form.help),
             };
         }
     }
-    if let Some(better) = shift_by_g50(block, &fault, around) {
+    if let Some(better) = shift_by_g50(block, &fault, context) {
         return better;
     }
-    if let Some(better) = foreign_line::explain(text, block, &fault, around) {
+    if let Some(better) = foreign_line::explain(text, block, &fault, context) {
         return better;
     }
     let Some((span, word)) = first_word(text) else {
@@ -138,7 +138,7 @@ fn value_of(block: &Block, letter: u8) -> Option<f64> {
 }
 
 /// G50 with axis words, with which other lathes set their coordinates.
-fn shift_by_g50(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+fn shift_by_g50(block: &Block, fault: &Fault, context: DialectContext) -> Option<Fault> {
     let mut codes = block.words.iter().filter(|word| word.letter == b'G');
     let span = codes.find(|word| word.value == 50.0)?.span;
     let absolute = [b'X', b'Z'].map(|letter| value_of(block, letter));
@@ -146,7 +146,7 @@ fn shift_by_g50(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fa
         .iter()
         .any(|letter| value_of(block, *letter).is_some());
     let is_absolute = absolute.iter().any(Option::is_some);
-    if !around.is_lathe || !(is_absolute || shifts) {
+    if !context.is_lathe || !(is_absolute || shifts) {
         return None;
     }
     let help = if shifts {
@@ -171,17 +171,24 @@ fn shift_by_g50(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fa
 /// The letters at the start of a line, after `/` and a line number, in capitals.
 fn first_word(text: &[u8]) -> Option<(Span, String)> {
     let blank = |byte: &u8| matches!(byte, b' ' | b'\t');
-    let skip = |mut place: usize, is: &dyn Fn(&u8) -> bool| {
-        while text.get(place).is_some_and(is) {
-            place += 1;
+    let skip = |mut position: usize, predicate: &dyn Fn(&u8) -> bool| {
+        while text.get(position).is_some_and(predicate) {
+            position += 1;
         }
-        place
+        position
     };
-    let mut place = skip(0, &|byte| blank(byte) || *byte == b'/');
-    if matches!(text.get(place), Some(b'N' | b'n')) && text.get(place + 1).is_some_and(u8::is_ascii_digit) {
-        place = skip(place + 1, &|byte| byte.is_ascii_digit() || blank(byte));
+    let mut position = skip(0, &|byte| blank(byte) || *byte == b'/');
+    if matches!(text.get(position), Some(b'N' | b'n'))
+        && text.get(position + 1).is_some_and(u8::is_ascii_digit)
+    {
+        position = skip(position + 1, &|byte| byte.is_ascii_digit() || blank(byte));
     }
-    let end = skip(place, &u8::is_ascii_alphabetic);
-    let word = text.get(place..end)?.to_ascii_uppercase();
-    (end > place + 1).then(|| (Span::new(place, end), String::from_utf8_lossy(&word).into_owned()))
+    let end = skip(position, &u8::is_ascii_alphabetic);
+    let word = text.get(position..end)?.to_ascii_uppercase();
+    (end > position + 1).then(|| {
+        (
+            Span::new(position, end),
+            String::from_utf8_lossy(&word).into_owned(),
+        )
+    })
 }

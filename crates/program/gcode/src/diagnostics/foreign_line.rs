@@ -1,13 +1,13 @@
 //! Rejected lines of other dialects: the meaning of their words there, and the equivalent here.
 
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::diagnostics::misread::four_digits;
+use crate::diagnostics::dialect_conflicts::tool_word_equivalent;
 use crate::syntax::block::Block;
 use crate::{Code, SPINDLES};
 
 /// The machine and the modes on which advice depends.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Surroundings {
+pub(crate) struct DialectContext {
     pub(crate) is_lathe: bool,
     /// G18.
     pub(crate) is_zx: bool,
@@ -17,15 +17,15 @@ pub(crate) struct Surroundings {
 
 /// A better error for a line of another dialect; `None` if the line is not recognized.
 #[cold]
-pub(crate) fn explain(text: &[u8], block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+pub(crate) fn explain(text: &[u8], block: &Block, fault: &Fault, context: DialectContext) -> Option<Fault> {
     let line = String::from_utf8_lossy(text);
-    let around = Surroundings {
-        is_zx: span_of(block, b'G', 18.0).is_some() || around.is_zx && span_of(block, b'G', 17.0).is_none(),
-        ..around
+    let context = DialectContext {
+        is_zx: span_of(block, b'G', 18.0).is_some() || context.is_zx && span_of(block, b'G', 17.0).is_none(),
+        ..context
     };
-    of_text(&line, fault)
-        .or_else(|| of_codes(block, fault, around))
-        .or_else(|| of_arc(block, fault, around))
+    explain_text(&line, fault)
+        .or_else(|| explain_codes(block, fault, context))
+        .or_else(|| explain_arc(block, fault, context))
 }
 
 fn has(block: &Block, letter: u8) -> bool {
@@ -47,7 +47,7 @@ fn span_of(block: &Block, letter: u8, value: f64) -> Option<Span> {
         .map(|word| word.span)
 }
 
-fn again(
+fn replacement(
     fault: &Fault,
     message: impl Into<String>,
     help: impl Into<std::borrow::Cow<'static, str>>,
@@ -56,16 +56,16 @@ fn again(
 }
 
 /// Lines that are recognized by their characters.
-fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
+fn explain_text(line: &str, fault: &Fault) -> Option<Fault> {
     let start = line.trim_start_matches([' ', '\t']);
     let code = line.split(['(', ';']).next().unwrap_or_default();
-    let bare: String = code
+    let compact: String = code
         .chars()
         .filter(|character| !character.is_whitespace())
         .collect();
-    let upper = bare.to_ascii_uppercase();
-    if fault.code == Code::StrayPercent && bare == "%" {
-        return Some(again(
+    let upper = compact.to_ascii_uppercase();
+    if fault.code == Code::StrayPercent && compact == "%" {
+        return Some(replacement(
             fault,
             "'%' in the middle of a program",
             "move it to the first line, before any comment, or delete it; the program ends at M2, M30 or a \
@@ -73,7 +73,7 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
         ));
     }
     if fault.code == Code::StrayPercent && start.starts_with('%') {
-        return Some(again(
+        return Some(replacement(
             fault,
             "text after %, which must be alone on its line",
             "write % alone on the first line and on the last, and the text after it on the next line; a name \
@@ -81,13 +81,13 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
         ));
     }
     if upper.starts_with('$') && upper.ends_with('%') {
-        return Some(again(
+        return Some(replacement(
             fault,
-            format!("{bare} is the name of a program in another dialect"),
+            format!("{compact} is the name of a program in another dialect"),
             "delete the line, or write it as a comment: (NAME)",
         ));
     }
-    if let Some(control) = code
+    if let Some(control_character) = code
         .chars()
         .find(|character| character.is_ascii_control() && !character.is_ascii_whitespace())
         .filter(|_| {
@@ -97,19 +97,19 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
             )
         })
     {
-        return Some(again(
+        return Some(replacement(
             fault,
             format!(
                 "a control character (0x{:02X}) that is not part of a program",
-                u32::from(control)
+                u32::from(control_character)
             ),
             "delete it: it is left over from a transmission, such as STX or the end of a file (0x1A)",
         ));
     }
     if fault.code == Code::UnexpectedCharacter
-        && let Some(number) = decimal_comma(&bare)
+        && let Some(number) = decimal_comma(&compact)
     {
-        return Some(again(
+        return Some(replacement(
             fault,
             format!("{number}: numbers have a decimal point"),
             format!("write {}", number.replace(',', ".")),
@@ -124,7 +124,7 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
         } else {
             "delete the line; settings are in the machine file"
         };
-        return Some(again(
+        return Some(replacement(
             fault,
             format!("{word} is a command of Grbl, not a line of a program"),
             help,
@@ -135,7 +135,7 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
         .filter(|rest| rest.starts_with(|digit: char| digit.is_ascii_digit()))
     {
         let number: String = number.chars().take_while(char::is_ascii_digit).collect();
-        return Some(again(
+        return Some(replacement(
             fault,
             format!(":{number} is a program number in another dialect"),
             format!(
@@ -145,13 +145,13 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
         ));
     }
     if upper.starts_with('/') && upper[1..].starts_with(|digit: char| digit.is_ascii_digit()) {
-        return Some(again(
+        return Some(replacement(
             fault,
             "/ with a number: block delete has one switch here, and no levels",
             "write / without a number",
         ));
     }
-    for (mark, what, cure) in [
+    for (mark, meaning, help) in [
         (
             ",R",
             "corner rounding (,R)",
@@ -161,32 +161,36 @@ fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
         (",A", "a line by its angle (,A)", "write the end point: X.. Y.."),
     ] {
         if fault.code == Code::UnexpectedCharacter && upper.contains(mark) {
-            return Some(again(fault, format!("{what} is not part of this dialect"), cure));
+            return Some(replacement(
+                fault,
+                format!("{meaning} is not part of this dialect"),
+                help,
+            ));
         }
     }
-    if bare.contains("|#<") {
-        return Some(again(
+    if compact.contains("|#<") {
+        return Some(replacement(
             fault,
             "the name of a parameter inside another name is not part of this dialect",
             "write numbers: #[100 + #<b>] is one parameter of a list",
         ));
     }
-    macro_assignment(code, &bare, fault).or_else(|| siemens(&upper, fault))
+    macro_assignment(code, &compact, fault).or_else(|| siemens(&upper, fault))
 }
 
 /// The first number with a comma in place of the decimal point, with the letter before it.
-fn decimal_comma(bare: &str) -> Option<&str> {
-    let bytes = bare.as_bytes();
+fn decimal_comma(compact: &str) -> Option<&str> {
+    let bytes = compact.as_bytes();
     let is_digit = |index: usize| bytes.get(index).is_some_and(u8::is_ascii_digit);
     // Functions have two values in brackets on other controls.
-    let before = bare.find(['[', '(']).unwrap_or(bytes.len());
+    let before = compact.find(['[', '(']).unwrap_or(bytes.len());
     let comma =
         (1..before).find(|index| bytes[*index] == b',' && is_digit(index - 1) && is_digit(index + 1))?;
-    let is_of_number = |byte: &u8| byte.is_ascii_digit() || matches!(byte, b'+' | b'-');
+    let is_in_number = |byte: &u8| byte.is_ascii_digit() || matches!(byte, b'+' | b'-');
     let digits = bytes[..comma]
         .iter()
         .rev()
-        .take_while(|byte| is_of_number(byte))
+        .take_while(|byte| is_in_number(byte))
         .count();
     let has_letter = comma > digits && bytes[comma - digits - 1].is_ascii_alphabetic();
     if !has_letter {
@@ -196,12 +200,12 @@ fn decimal_comma(bare: &str) -> Option<&str> {
         .iter()
         .take_while(|byte| byte.is_ascii_digit())
         .count();
-    bare.get(comma - digits - 1..comma + 1 + fraction)
+    compact.get(comma - digits - 1..comma + 1 + fraction)
 }
 
 /// An expression without brackets after `#1 =`.
-fn macro_assignment(code: &str, bare: &str, fault: &Fault) -> Option<Fault> {
-    let is_cut_short = matches!(
+fn macro_assignment(code: &str, compact: &str, fault: &Fault) -> Option<Fault> {
+    let is_incomplete = matches!(
         fault.code,
         Code::BadNumber
             | Code::LetterMissing
@@ -209,20 +213,20 @@ fn macro_assignment(code: &str, bare: &str, fault: &Fault) -> Option<Fault> {
             | Code::MisplacedBlockDelete
             | Code::NumberMissing
     );
-    if !is_cut_short || !bare.starts_with(['#', 'N', 'n', '/']) {
+    if !is_incomplete || !compact.starts_with(['#', 'N', 'n', '/']) {
         return None;
     }
-    let begin = code.find('#')?;
-    let (target, expression) = code[begin..].split_once('=')?;
+    let start = code.find('#')?;
+    let (target, expression) = code[start..].split_once('=')?;
     let expression = expression.trim();
     let mut depth = 0_i32;
-    let operates = expression.char_indices().any(|(place, character)| {
+    let has_operator = expression.char_indices().any(|(index, character)| {
         depth += i32::from(character == '[') - i32::from(character == ']');
-        depth == 0 && place > 0 && matches!(character, '+' | '-' | '*' | '/')
+        depth == 0 && index > 0 && matches!(character, '+' | '-' | '*' | '/')
     });
     let target = target.trim();
-    (operates && !expression.contains('=')).then(|| {
-        again(
+    (has_operator && !expression.contains('=')).then(|| {
+        replacement(
             fault,
             "an expression without brackets",
             format!("write {target} = [{expression}]"),
@@ -234,29 +238,29 @@ fn macro_assignment(code: &str, bare: &str, fault: &Fault) -> Option<Fault> {
 fn siemens(upper: &str, fault: &Fault) -> Option<Fault> {
     if upper.starts_with("CYCLE") || upper.starts_with("MCALL") {
         let help = "write a cycle of this dialect: G81 X.. Y.. Z.. R.. drills, G83 with Q pecks";
-        return Some(again(
+        return Some(replacement(
             fault,
             "cycles by name (CYCLE81, MCALL) are not part of this dialect",
             help,
         ));
     }
-    let place = upper.find('=').filter(|_| !upper.contains('#'))?;
-    let before: Vec<char> = upper[..place]
+    let index = upper.find('=').filter(|_| !upper.contains('#'))?;
+    let reversed: Vec<char> = upper[..index]
         .chars()
         .rev()
         .take_while(char::is_ascii_alphabetic)
         .collect();
-    let name: String = before.iter().rev().collect();
+    let name: String = reversed.iter().rev().collect();
     match &name[..] {
         "" => None,
-        "CR" => Some(again(
+        "CR" => Some(replacement(
             fault,
             "CR=, the radius of an arc, is R in this dialect",
             "write R without =, as in G2 X1 Y1 R5",
         )),
         name if name.len() == 1 || name.ends_with(['X', 'Y', 'Z', 'I', 'J', 'K']) => {
             let letter = &name[name.len() - 1..];
-            Some(again(
+            Some(replacement(
                 fault,
                 "words with = are not part of this dialect",
                 format!(
@@ -276,7 +280,7 @@ fn end_of_mode(block: &Block, fault: &Fault) -> Option<Fault> {
     let (number, mode) = [(50, "scaling"), (15, "polar coordinates")]
         .into_iter()
         .find(|(number, _)| span_of(block, b'G', f64::from(*number)) == Some(fault.span))?;
-    Some(again(
+    Some(replacement(
         fault,
         format!("G{number} ends {mode} in other dialects; here there is none to end"),
         format!("delete G{number}"),
@@ -284,18 +288,18 @@ fn end_of_mode(block: &Block, fault: &Fault) -> Option<Fault> {
 }
 
 /// U and W, which are increments of X and Z on other lathes.
-fn increments(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+fn increments(block: &Block, fault: &Fault, context: DialectContext) -> Option<Fault> {
     let is_increment = |span: Span| {
         let mut words = block.words.iter();
         words.any(|word| matches!(word.letter, b'U' | b'W') && word.span == span)
     };
-    if fault.code == Code::NoSuchAxis && around.is_lathe && is_increment(fault.span) {
+    if fault.code == Code::NoSuchAxis && context.is_lathe && is_increment(fault.span) {
         if let Some(span) = span_of(block, b'G', 28.0) {
             let message = "U and W with G28 are increments of X and Z on other lathes".to_owned();
             let help = "write G28 alone to move all axes there; G91 G28 X0, then G90, moves X only";
             return Some(Fault::new(fault.code, span, message).help(help.to_owned()));
         }
-        return Some(again(
+        return Some(replacement(
             fault,
             format!(
                 "{}; on other lathes U and W are increments of X and Z",
@@ -308,12 +312,12 @@ fn increments(block: &Block, fault: &Fault, around: Surroundings) -> Option<Faul
 }
 
 /// Lines that are recognized by their codes.
-fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+fn explain_codes(block: &Block, fault: &Fault, context: DialectContext) -> Option<Fault> {
     if let Some(better) = end_of_mode(block, fault) {
         return Some(better);
     }
     if fault.code == Code::UnknownM && span_of(block, b'M', 97.0).is_some() {
-        return Some(again(
+        return Some(replacement(
             fault,
             "M97, a jump to a line number, is not a code of this dialect",
             "write the lines as O100 sub ... O100 endsub, and O100 call in place of M97 P100",
@@ -321,17 +325,17 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
     }
     if fault.code == Code::UnknownM && span_of(block, b'M', 29.0).is_some() {
         // The pitch is F by S: without this S it would be another.
-        let cure = match value(block, b'S') {
+        let help = match value(block, b'S') {
             Some(speed) => {
                 format!("write S{speed} M3 in its place (M4 before G74), because the pitch needs the speed")
             }
             None => "delete it".to_owned(),
         };
-        return Some(again(
+        return Some(replacement(
             fault,
             "M29, rigid tapping, is not a code of this dialect",
             format!(
-                "{cure}: G84 and G74 follow a spindle with feedback anyway; G33.1 Z.. K.. taps with the lead \
+                "{help}: G84 and G74 follow a spindle with feedback anyway; G33.1 Z.. K.. taps with the lead \
                  K"
             ),
         ));
@@ -347,7 +351,7 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
         && number >= 10_000.0
     {
         let (times, number) = ((number / 10_000.0).floor(), number % 10_000.0);
-        return Some(again(
+        return Some(replacement(
             fault,
             format!(
                 "{}; in other dialects P has the repetitions before the last four digits",
@@ -357,11 +361,11 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
         ));
     }
     if let (Code::UnknownTool, Some(number)) = (fault.code, value(block, b'T'))
-        && around.is_lathe
+        && context.is_lathe
         && (100.0..=9999.0).contains(&number)
     {
         let number = number as u32;
-        return Some(again(
+        return Some(replacement(
             fault,
             format!(
                 "tool {number} is not in the tool table; T{number:04} is tool {} with offset {} on other \
@@ -369,20 +373,20 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
                 number / 100,
                 number % 100
             ),
-            format!("write {}", four_digits(number, around.is_diameter)),
+            format!("write {}", tool_word_equivalent(number, context.is_diameter)),
         ));
     }
-    repeated_profile(block, fault, around)
-        .or_else(|| increments(block, fault, around))
-        .or_else(|| corners(block, fault, around))
-        .or_else(|| threads(block, fault, around))
-        .or_else(|| grooves_and_holes(block, fault, around))
-        .or_else(|| words_of_cycles(block, fault))
+    repeated_profile(block, fault, context)
+        .or_else(|| increments(block, fault, context))
+        .or_else(|| corners(block, fault, context))
+        .or_else(|| threads(block, fault, context))
+        .or_else(|| grooves_and_holes(block, fault, context))
+        .or_else(|| cycle_words(block, fault))
 }
 
 /// C, R and A of a straight move, which are a chamfer, a rounding and an angle on other lathes.
-fn corners(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
-    let is_move = around.is_lathe
+fn corners(block: &Block, fault: &Fault, context: DialectContext) -> Option<Fault> {
+    let is_move = context.is_lathe
         && (has(block, b'X') || has(block, b'Z'))
         && !block.words.iter().any(|word| {
             word.letter == b'G'
@@ -398,7 +402,7 @@ fn corners(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> 
     let is_cycle = [90.0, 92.0, 94.0]
         .iter()
         .any(|code| span_of(block, b'G', *code).is_some());
-    let (what, cure) = match word.letter {
+    let (meaning, help) = match word.letter {
         b'R' if is_cycle => return None,
         b'C' => ("a chamfer", "write the chamfer as a line: G1 X.. Z.."),
         b'R' => (
@@ -409,18 +413,18 @@ fn corners(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> 
         _ => return None,
     };
     let letter = char::from(word.letter);
-    Some(again(
+    Some(replacement(
         fault,
         format!(
-            "{}; on other lathes {letter} of a straight move is {what}",
+            "{}; on other lathes {letter} of a straight move is {meaning}",
             fault.message
         ),
-        cure,
+        help,
     ))
 }
 
 /// Words of drilling cycles with another letter, or without a meaning.
-fn words_of_cycles(block: &Block, fault: &Fault) -> Option<Fault> {
+fn cycle_words(block: &Block, fault: &Fault) -> Option<Fault> {
     let is_cycle = |word: &crate::syntax::block::Word| {
         word.letter == b'G'
             && (word.value == 73.0 || word.value == 74.0 || (81.0..=89.0).contains(&word.value))
@@ -434,7 +438,7 @@ fn words_of_cycles(block: &Block, fault: &Fault) -> Option<Fault> {
     let (number, value) = (cycle.value, word.value);
     let has_depths = has(block, b'I') || has(block, b'J');
     match word.letter {
-        b'K' if !has_depths => Some(again(
+        b'K' if !has_depths => Some(replacement(
             fault,
             "K, the repetitions of a cycle on other controls, is L in this dialect",
             if value == 0.0 {
@@ -445,12 +449,12 @@ fn words_of_cycles(block: &Block, fault: &Fault) -> Option<Fault> {
                 format!("write L{value} in place of K{value}")
             },
         )),
-        b'P' => Some(again(
+        b'P' => Some(replacement(
             fault,
             format!("G{number} has no dwell in this dialect"),
             format!("delete P{value}; G82 drills with a dwell of P seconds at the bottom"),
         )),
-        b'I' | b'J' | b'K' => Some(again(
+        b'I' | b'J' | b'K' => Some(replacement(
             fault,
             format!("G{number} has the same depth for each peck in this dialect"),
             "write Q, the depth of a peck, in place of I, J and K",
@@ -460,12 +464,12 @@ fn words_of_cycles(block: &Block, fault: &Fault) -> Option<Fault> {
 }
 
 /// G73 of other lathes.
-fn repeated_profile(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
-    let is_of_words = matches!(
+fn repeated_profile(block: &Block, fault: &Fault, context: DialectContext) -> Option<Fault> {
+    let is_word_error = matches!(
         fault.code,
         Code::NoSuchAxis | Code::UnusedWord | Code::WordMissing
     );
-    let span = span_of(block, b'G', 73.0).filter(|_| around.is_lathe && is_of_words)?;
+    let span = span_of(block, b'G', 73.0).filter(|_| context.is_lathe && is_word_error)?;
     b"UW".iter().any(|letter| has(block, *letter)).then(|| {
         Fault::new(
             fault.code,
@@ -479,7 +483,7 @@ fn repeated_profile(block: &Block, fault: &Fault, around: Surroundings) -> Optio
     })
 }
 
-fn threads(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+fn threads(block: &Block, fault: &Fault, context: DialectContext) -> Option<Fault> {
     if let (Some(span), Some(lead)) = (span_of(block, b'G', 33.0), value(block, b'F'))
         && !has(block, b'K')
     {
@@ -493,7 +497,7 @@ fn threads(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> 
         );
     }
     let span = span_of(block, b'G', 76.0)?;
-    if !around.is_lathe && has(block, b'R') && !has(block, b'I') {
+    if !context.is_lathe && has(block, b'R') && !has(block, b'I') {
         return Some(
             Fault::new(
                 fault.code,
@@ -506,9 +510,9 @@ fn threads(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> 
             ),
         );
     }
-    let foreign = has(block, b'X') || has(block, b'F') || has(block, b'P') && !has(block, b'K');
-    foreign.then(|| {
-        let words = "write G76 P1.5 Z-20 I-1 J0.3 R1 K0.92 Q29.5 E0.5 L0: P lead, Z end, I thread crest \
+    let is_foreign = has(block, b'X') || has(block, b'F') || has(block, b'P') && !has(block, b'K');
+    is_foreign.then(|| {
+        let help = "write G76 P1.5 Z-20 I-1 J0.3 R1 K0.92 Q29.5 E0.5 L0: P lead, Z end, I thread crest \
                      beside the start, J first depth, K full depth; the start is the position before it";
         Fault::new(
             fault.code,
@@ -516,35 +520,35 @@ fn threads(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> 
             "G76 is one line with other words in this dialect: P is the lead, and \
                                       depths are in I, J and K",
         )
-        .help(words)
+        .help(help)
     })
 }
 
-fn grooves_and_holes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
-    let g = |number: f64| span_of(block, b'G', number);
-    let at = |span: Span, message: &str, help: &str| {
+fn grooves_and_holes(block: &Block, fault: &Fault, context: DialectContext) -> Option<Fault> {
+    let span_of_g = |number: f64| span_of(block, b'G', number);
+    let located = |span: Span, message: &str, help: &str| {
         Some(Fault::new(fault.code, span, message).help(help.to_owned()))
     };
-    if !around.is_lathe {
+    if !context.is_lathe {
         return None;
     }
-    if let Some(span) = g(75.0)
+    if let Some(span) = span_of_g(75.0)
         && (fault.code == Code::UnusedWord && b"IPR".iter().any(|letter| has(block, *letter))
             || fault.code == Code::WordMissing && has(block, b'K') && has(block, b'F'))
     {
         let help =
             "write each peck as G1 X.. F.. and G0 X.., or as a loop: O1 while [#1 GT 0] ... O1 endwhile";
-        return at(
+        return located(
             span,
             "G75 is a load-adaptive or plain facing cycle here, not grooving in pecks",
             help,
         );
     }
-    if let Some(span) = g(74.0)
+    if let Some(span) = span_of_g(74.0)
         && (has(block, b'K') || has(block, b'R') && !has(block, b'Z'))
     {
         let help = "write G17 G83 Z-20 R2 Q5 F.., then G18; Q is the depth of a peck";
-        return at(
+        return located(
             span,
             "G74 is left-hand tapping in this dialect, not drilling in pecks",
             help,
@@ -552,27 +556,27 @@ fn grooves_and_holes(block: &Block, fault: &Fault, around: Surroundings) -> Opti
     }
     let cycle = [73.0, 74.0, 81.0, 82.0, 83.0, 84.0, 85.0, 86.0, 88.0, 89.0]
         .into_iter()
-        .find_map(|number| g(number).map(|span| (number, span)));
+        .find_map(|number| span_of_g(number).map(|span| (number, span)));
     if let Some((number, span)) = cycle
-        && around.is_zx
+        && context.is_zx
         && matches!(fault.code, Code::WordMissing | Code::NoSuchAxis)
         && !has(block, b'Y')
     {
         let message = format!("G{number} drills along Y in G18; along Z it needs G17");
         let help = format!("write G17 G{number} with the same words, and G18 after the holes");
-        return at(span, &message, &help);
+        return located(span, &message, &help);
     }
     None
 }
 
 /// Arcs.
-fn of_arc(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
-    let help = |text: String| {
+fn explain_arc(block: &Block, fault: &Fault, context: DialectContext) -> Option<Fault> {
+    let with_help = |text: String| {
         let mut better = Fault::new(fault.code, fault.span, fault.message.clone());
         better.help = Some(text.into());
         Some(better)
     };
-    let given = fault
+    let advice = fault
         .help
         .as_deref()
         .unwrap_or_else(|| fault.code.hint())
@@ -584,15 +588,15 @@ fn of_arc(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
                 .iter()
                 .find(|word| b"IJK".contains(&word.letter) && word.span == fault.span && word.value == 0.0)?;
             let name = char::from(zero.letter);
-            help(format!(
+            with_help(format!(
                 "delete {name}0: even 0 is not permitted for a centre across the plane"
             ))
         }
         Code::ArcRadiusMismatch | Code::ArcRadiusTooSmall
-            if around.is_lathe && around.is_zx && !around.is_diameter =>
+            if context.is_lathe && context.is_zx && !context.is_diameter =>
         {
-            help(format!(
-                "{given}; X is a radius in G8: if the program has diameters, write G7 before its first move"
+            with_help(format!(
+                "{advice}; X is a radius in G8: if the program has diameters, write G7 before its first move"
             ))
         }
         _ => None,
@@ -602,30 +606,30 @@ fn of_arc(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
 /// A P that selects something in other dialects.
 fn unused_p(block: &Block, fault: &Fault) -> Option<Fault> {
     let p = value(block, b'P').filter(|_| fault.code == Code::UnusedWord)?;
-    let g = |number: f64| span_of(block, b'G', number).is_some();
+    let has_g = |number: f64| span_of(block, b'G', number).is_some();
     if span_of(block, b'M', 99.0).is_some() {
-        return Some(again(
+        return Some(replacement(
             fault,
             "M99 P, a return to another line, is not part of this dialect",
             "write the lines that it jumps to as a subroutine, and decide with O1 if [..] ... O1 endif",
         ));
     }
-    if g(30.0) || g(28.0) {
-        return Some(again(
+    if has_g(30.0) || has_g(28.0) {
+        return Some(replacement(
             fault,
             "P of G28 and G30 chooses a reference position in other dialects; here each has one",
             "delete P; G28.1 and G30.1 store the present position",
         ));
     }
-    if g(8.0) {
-        return Some(again(
+    if has_g(8.0) {
+        return Some(replacement(
             fault,
             "G8 P, look-ahead, is G64 in this dialect, and always on",
             "delete the line; G8 is the radius of a lathe here",
         ));
     }
-    (54..=59).any(|number| g(f64::from(number))).then(|| {
-        again(
+    (54..=59).any(|number| has_g(f64::from(number))).then(|| {
+        replacement(
             fault,
             format!("G54 P{p} chooses a further work offset in other dialects; here there are nine"),
             "write G54 to G59, G59.1, G59.2 or G59.3",

@@ -1,8 +1,8 @@
 //! Errors with their position, and the meaning of lines in other dialects.
 
 pub(crate) mod diagnostic;
+pub(crate) mod dialect_conflicts;
 pub(crate) mod foreign;
 pub(crate) mod foreign_codes;
 pub(crate) mod foreign_line;
 pub(crate) mod hints;
-pub(crate) mod misread;

@@ -73,7 +73,7 @@ impl Executor<'_> {
         }
         let feed = self.speed(curve.length(), false);
         let path_mode = self.state.modes.path_mode;
-        self.put_curve(curve, MoveKind::Feed, feed, path_mode)
+        self.emit_curve(curve, MoveKind::Feed, feed, path_mode)
     }
 
     /// An arc in G18 or G19 while XY is rotated. Its plane contains no axis, so it becomes a chain of
@@ -84,14 +84,14 @@ impl Executor<'_> {
         }
         // In coordinates without the rotation the arc is in its plane.
         let state = &*self.state;
-        let mut straight = *state;
-        straight.rotation = [0.0, 1.0, 0.0];
-        straight.work = state.turn_back(state.work + state.tool_offset);
-        straight.tool_offset = Axes::zeros();
-        straight.position = state.turn_back(state.position);
-        straight.cutter.programmed = None;
-        let target = state.turn_back(target);
-        let curve = arc(&straight, plane, sense, target, self.line, self.settings)?;
+        let mut unrotated = *state;
+        unrotated.rotation = [0.0, 1.0, 0.0];
+        unrotated.work = state.rotate_back(state.work + state.tool_offset);
+        unrotated.tool_offset = Axes::zeros();
+        unrotated.position = state.rotate_back(state.position);
+        unrotated.cutter.programmed = None;
+        let target = state.rotate_back(target);
+        let curve = arc(&unrotated, plane, sense, target, self.line, self.settings)?;
         let radius = match &curve {
             Curve::Arc(arc) => arc.radius_mm(),
             _ => 0.0,
@@ -101,33 +101,33 @@ impl Executor<'_> {
         let angle = libm::pow(46_080.0 * ROTATED_TOLERANCE_MM / radius.max(1e-3), 1.0 / 6.0).min(0.5);
         let length = curve.length();
         let count = (length / (angle * radius.max(1e-3))).ceil().clamp(1.0, 1e6);
-        let width = length / count;
+        let step_length = length / count;
         let state = *self.state;
-        let turned = |u: f64| {
+        let rotated = |u: f64| {
             let jet = curve.at(u);
             Jet {
-                position: state.turn(jet.position),
-                first: state.turn(jet.first),
-                second: state.turn(jet.second),
-                third: state.turn(jet.third),
+                position: state.rotate(jet.position),
+                first: state.rotate(jet.first),
+                second: state.rotate(jet.second),
+                third: state.rotate(jet.third),
             }
         };
-        let mut left = turned(0.0);
-        left.position = state.position;
+        let mut start = rotated(0.0);
+        start.position = state.position;
         let mut pieces = Vec::new();
         for index in 1..=count as u64 {
-            let right = turned((width * index as f64).min(length));
-            let blend = Blend::hermite(&left, &right, width)
+            let end = rotated((step_length * index as f64).min(length));
+            let blend = Blend::hermite(&start, &end, step_length)
                 .map_err(|error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()))?;
             pieces.push(Curve::Blend(blend));
-            left = right;
+            start = end;
         }
-        self.put_pieces(&pieces)
+        self.emit_pieces(&pieces)
     }
 
     /// G2.2, G3.2.
     pub(crate) fn involute(&mut self, sense: Sense) -> Result<(), Fault> {
-        let plane = self.round_plane("an involute")?;
+        let plane = self.unrotated_plane("an involute")?;
         let name = if sense == Sense::Clockwise { "G2.2" } else { "G3.2" };
         self.check_feed(name)?;
         if self.state.cutter.is_on() {
@@ -139,10 +139,10 @@ impl Executor<'_> {
         let curve = involute(self.state, plane, sense, target, self.line, self.settings)?;
         let feed = self.speed(curve.length(), false);
         let path_mode = self.state.modes.path_mode;
-        self.put_curve(curve, MoveKind::Feed, feed, path_mode)
+        self.emit_curve(curve, MoveKind::Feed, feed, path_mode)
     }
 
-    fn round_plane(&self, what: &str) -> Result<Plane, Fault> {
+    fn unrotated_plane(&self, what: &str) -> Result<Plane, Fault> {
         match self.state.plane() {
             Some(plane) if plane == Plane::Xy || self.state.rotation[0] == 0.0 => Ok(plane),
             Some(_) => Err(self.wrong_plane(&format!("{what} in rotated coordinates"))),
@@ -164,20 +164,20 @@ fn arc(
     let (first, second) = letters.names();
     let (i, j) = letters.centre_names();
     let span = line.motion_span();
-    let centred = letters.centre.iter().any(|letter| line.has(*letter));
-    if !centred && !line.has(b'R') {
+    let has_centre = letters.centre.iter().any(|letter| line.has(*letter));
+    if !has_centre && !line.has(b'R') {
         let message = format!("an arc without {i}, {j} or R");
         return Err(Fault::new(Code::ArcCentreMissing, span, message).help(format!(
             "write {i} and {j}, from the start to the centre, or the radius R"
         )));
     }
-    if centred && line.has(b'R') {
+    if has_centre && line.has(b'R') {
         let message = format!("an arc with R and with {i} or {j}");
         return Err(Fault::new(Code::ArcMixedFormat, line.span(b'R'), message).help("give one of them only"));
     }
     let turns = turns(line)?;
-    let from = state.programmed();
-    let start = [from[letters.axes[0]], from[letters.axes[1]]];
+    let start_position = state.programmed();
+    let start = [start_position[letters.axes[0]], start_position[letters.axes[1]]];
     let end = [target[letters.axes[0]], target[letters.axes[1]]];
     let centre = if line.has(b'R') {
         if !letters.has_end(line) {
@@ -193,7 +193,7 @@ fn arc(
         target[letters.axes[0]] = start[0];
         target[letters.axes[1]] = start[1];
     }
-    Arc::new(plane, from, target, centre, sense, turns)
+    Arc::new(plane, start_position, target, centre, sense, turns)
         .map(Curve::Arc)
         .map_err(|error| Fault::new(Code::ArcRefused, span, error.to_string()))
 }
@@ -211,8 +211,8 @@ fn turns(line: &Statement) -> Result<u32, Fault> {
 
 /// Whether an arc ends at its start, up to the rounding of increments and offsets.
 fn same_point(start: [f64; 2], end: [f64; 2]) -> bool {
-    let near = |a: f64, b: f64| (a - b).abs() <= 1e-10 + 8.0 * f64::EPSILON * a.abs().max(b.abs());
-    near(start[0], end[0]) && near(start[1], end[1])
+    let is_near = |a: f64, b: f64| (a - b).abs() <= 1e-10 + 8.0 * f64::EPSILON * a.abs().max(b.abs());
+    is_near(start[0], end[0]) && is_near(start[1], end[1])
 }
 
 fn centre_by_offset(
@@ -223,37 +223,37 @@ fn centre_by_offset(
     settings: &Settings,
     letters: &Letters,
 ) -> Result<[f64; 2], Fault> {
-    let across = letters.centre[2];
-    if line.has(across) {
-        let message = format!("{} is not in the plane of this arc", char::from(across));
+    let normal_word = letters.centre[2];
+    if line.has(normal_word) {
+        let message = format!("{} is not in the plane of this arc", char::from(normal_word));
         let (i, j) = letters.centre_names();
         return Err(
-            Fault::new(Code::ArcOffsetAcrossPlane, line.span(across), message).help(format!(
+            Fault::new(Code::ArcOffsetAcrossPlane, line.span(normal_word), message).help(format!(
                 "in this plane the centre of an arc is given by {i} and {j}; G17, G18, G19 select the plane"
             )),
         );
     }
     let unit = state.unit_mm();
     let mut words = Axes::zeros();
-    for place in 0..2 {
-        let word = line.word(letters.centre[place]);
+    for index in 0..2 {
+        let word = line.word(letters.centre[index]);
         if word.is_none() && state.modes.arc_centre_absolute {
-            let name = char::from(letters.centre[place]);
+            let name = char::from(letters.centre[index]);
             let message = format!("{name} is missing: G90.1 makes the centre absolute");
             return Err(Fault::new(Code::ArcCentreIncomplete, line.motion_span(), message)
                 .help("give both centre words, or G91.1 for a centre relative to the start"));
         }
-        words[letters.axes[place]] = word.unwrap_or(0.0) * unit;
+        words[letters.axes[index]] = word.unwrap_or(0.0) * unit;
     }
     let absolute = state.modes.arc_centre_absolute;
-    let turned = if absolute {
-        state.machine_of(words)
+    let rotated = if absolute {
+        state.program_to_machine(words)
     } else {
-        state.turn(words)
+        state.rotate(words)
     };
-    let centre = [0, 1].map(|place| {
-        let base = if absolute { 0.0 } else { start[place] };
-        base + turned[letters.axes[place]]
+    let centre = [0, 1].map(|index| {
+        let base = if absolute { 0.0 } else { start[index] };
+        base + rotated[letters.axes[index]]
     });
     check_radii(state, start, end, centre, line, settings, letters)?;
     Ok(centre)
@@ -277,29 +277,29 @@ fn check_radii(
     } else {
         settings.arc.metric_mm
     };
-    let differ = |r1: f64, r2: f64| {
+    let radii_differ = |r1: f64, r2: f64| {
         let (difference, relative) = ((r1 - r2).abs(), (r1 - r2).abs() / r1.max(r2));
         difference > 100.0 * tolerance || difference > tolerance && relative > settings.arc.relative
     };
     let zero_radius = is_zero(r1) || is_zero(r2);
-    if !zero_radius && !differ(r1, r2) {
+    if !zero_radius && !radii_differ(r1, r2) {
         return Ok(());
     }
     let (difference, relative) = ((r1 - r2).abs(), (r1 - r2).abs() / r1.max(r2));
     let (first, second) = letters.names();
-    let shown = |point: [f64; 2]| {
+    let point_text = |point: [f64; 2]| {
         let mut machine = state.position;
         (machine[letters.axes[0]], machine[letters.axes[1]]) = (point[0], point[1]);
-        let program = state.program_of(machine);
-        let value = |place: usize| program[letters.axes[place]] / state.unit_mm();
+        let program = state.machine_to_program(machine);
+        let value = |index: usize| program[letters.axes[index]] / state.unit_mm();
         format!("({first}{:.4},{second}{:.4})", value(0), value(1))
     };
     let unit = state.unit_mm();
     let figures = format!(
         "start={} center={} end={} r1={:.4} r2={:.4}",
-        shown(start),
-        shown(centre),
-        shown(end),
+        point_text(start),
+        point_text(centre),
+        point_text(end),
         r1 / unit,
         r2 / unit
     );
@@ -326,10 +326,10 @@ fn check_radii(
     } else {
         ["from the start (G91.1)", "absolute", "G90.1"]
     };
-    let [r1, r2] = radii_otherwise(state, start, end, line, letters);
+    let [r1, r2] = radii_in_other_mode(state, start, end, line, letters);
     // G90.1 needs both words.
     let has_both = letters.centre[..2].iter().all(|letter| line.has(*letter));
-    let fits = has_both && !is_zero(r1) && !is_zero(r2) && !differ(r1, r2);
+    let fits = has_both && !is_zero(r1) && !is_zero(r2) && !radii_differ(r1, r2);
     let help = if fits {
         format!("the circle fits if {i} and {j} are {other}: write {code} on a line before")
     } else {
@@ -338,8 +338,9 @@ fn check_radii(
     Err(Fault::new(Code::ArcRadiusMismatch, line.motion_span(), message).help(help))
 }
 
-/// The distances, mm, of start and end from the centre that G90.1 in place of G91.1, or the reverse, would give.
-fn radii_otherwise(
+/// The distances, mm, of start and end from the centre that G90.1 in place of G91.1, or the reverse, would
+/// give.
+fn radii_in_other_mode(
     state: &State,
     start: [f64; 2],
     end: [f64; 2],
@@ -349,13 +350,13 @@ fn radii_otherwise(
     let program = |point: [f64; 2]| {
         let mut machine = state.position;
         (machine[letters.axes[0]], machine[letters.axes[1]]) = (point[0], point[1]);
-        state.program_of(machine)
+        state.machine_to_program(machine)
     };
     let start = program(start);
     [start, program(end)].map(|point| {
-        let from_centre = [0, 1].map(|place| {
-            let axis = letters.axes[place];
-            let word = line.word(letters.centre[place]).unwrap_or(0.0) * state.unit_mm();
+        let from_centre = [0, 1].map(|index| {
+            let axis = letters.axes[index];
+            let word = line.word(letters.centre[index]).unwrap_or(0.0) * state.unit_mm();
             let base = if state.modes.arc_centre_absolute {
                 start[axis]
             } else {
@@ -379,25 +380,25 @@ fn centre_by_radius(
     let r = line.word(b'R').unwrap_or(0.0) * state.unit_mm();
     let chord = [end[0] - start[0], end[1] - start[1]];
     let length = libm::hypot(chord[0], chord[1]);
-    let half = 0.5 * length;
+    let half_chord = 0.5 * length;
     if same_point(start, end) {
         let (i, j) = letters.centre_names();
         let message = "an arc with R that ends where it starts could be any circle";
         return Err(Fault::new(Code::ArcNoChord, line.motion_span(), message)
             .help(format!("for a full circle give {i} and {j} instead of R")));
     }
-    if half - r.abs() > settings.arc.radius_mm {
+    if half_chord - r.abs() > settings.arc.radius_mm {
         let unit = state.unit_mm();
         let message = format!(
             "Arc radius too small to reach end point: R {:.4}, half the distance {:.4}",
             r.abs() / unit,
-            half / unit
+            half_chord / unit
         );
         return Err(Fault::new(Code::ArcRadiusTooSmall, line.span(b'R'), message));
     }
     // Distance of the centre from the chord, by a product that does not cancel near the semicircle. A radius
     // short of the semicircle by rounding is a semicircle.
-    let height = ((r.abs() - half).max(0.0) * (r.abs() + half)).sqrt();
+    let height = ((r.abs() - half_chord).max(0.0) * (r.abs() + half_chord)).sqrt();
     // R > 0: at most half a turn, so the centre is on the side towards which the arc turns.
     let side = sense.sign() * if r < 0.0 { -1.0 } else { 1.0 };
     let scale = side * height / length;
@@ -424,22 +425,22 @@ fn involute(
         let message = format!("an involute needs its end: {first} and {second}");
         return Err(Fault::new(Code::InvoluteEndMissing, span, message));
     }
-    let across = letters.centre[2];
-    if line.has(across) {
-        let message = format!("{} is not in the plane of this involute", char::from(across));
+    let normal_word = letters.centre[2];
+    if line.has(normal_word) {
+        let message = format!("{} is not in the plane of this involute", char::from(normal_word));
         return Err(
-            Fault::new(Code::InvoluteOffsetAcrossPlane, line.span(across), message).help(format!(
+            Fault::new(Code::InvoluteOffsetAcrossPlane, line.span(normal_word), message).help(format!(
                 "in this plane the centre of the base circle is given by {i} and {j}"
             )),
         );
     }
     let unit = state.unit_mm();
     let mut words = Axes::zeros();
-    for place in 0..2 {
-        words[letters.axes[place]] = line.word(letters.centre[place]).unwrap_or(0.0) * unit;
+    for index in 0..2 {
+        words[letters.axes[index]] = line.word(letters.centre[index]).unwrap_or(0.0) * unit;
     }
-    let words = state.turn(words);
-    let offset = [0, 1].map(|place| words[letters.axes[place]]);
+    let words = state.rotate(words);
+    let offset = [0, 1].map(|index| words[letters.axes[index]]);
     if offset == [0.0; 2] {
         let message = format!("an involute needs {i} and {j}, and not both 0");
         return Err(Fault::new(Code::InvoluteCentreMissing, span, message)
@@ -454,7 +455,7 @@ fn involute(
         )
         .help("R is the radius of the base circle"));
     }
-    let centre = [0, 1].map(|place| state.position[letters.axes[place]] + offset[place]);
+    let centre = [0, 1].map(|index| state.position[letters.axes[index]] + offset[index]);
     Involute::new(
         plane,
         state.position,

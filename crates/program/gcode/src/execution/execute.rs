@@ -7,11 +7,11 @@ use std::collections::VecDeque;
 
 use evolvent_path::AxisLetter;
 
-pub(crate) use self::tools::ToolCall;
+pub(crate) use self::tools::ToolChangeCall;
 use crate::codes::modal_groups::{FeedMode, GCode, Group, MCode, Motion, NonModal, PathControl};
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::execution::compensation::Changed;
-use crate::execution::contour_watch::ContourWatch;
+use crate::execution::compensation::ChangedCommand;
+use crate::execution::contour_checker::ContourChecker;
 use crate::execution::cycles::roughing::RoughCall;
 use crate::parameters::values::{Parameters, WORK_OFFSET};
 use crate::state::machine_state::{ProgrammedFeed, ProgrammedSpeed, State};
@@ -27,7 +27,7 @@ pub(crate) const MAX_HELD_COMMANDS: usize = 1_000_000;
 
 /// Integral duration from which a dwell is probably meant in milliseconds. Tuned: spindles reach their speed
 /// within a minute, and dialects with milliseconds rarely dwell less than 100 of them.
-const LONG_DWELL_S: f64 = 100.0;
+const MIN_SUSPICIOUS_DWELL_S: f64 = 100.0;
 
 /// Everything that a line can change.
 pub(crate) struct Executor<'a> {
@@ -38,13 +38,13 @@ pub(crate) struct Executor<'a> {
     pub(crate) parameters: &'a mut Parameters,
     /// Control points of a NURBS: X, Y in mm of program coordinates, and weight.
     pub(crate) control_points: &'a mut Vec<[f64; 3]>,
-    pub(crate) out: &'a mut VecDeque<CanonicalCommand>,
+    pub(crate) commands: &'a mut VecDeque<CanonicalCommand>,
     /// Commands that cutter compensation has changed.
-    pub(crate) changed: &'a mut Vec<Changed>,
+    pub(crate) changed: &'a mut Vec<ChangedCommand>,
     /// Contours whose parts may be too close to each other.
-    pub(crate) watch: &'a mut ContourWatch,
+    pub(crate) contour_checker: &'a mut ContourChecker,
     /// Skips an M2 or M30 that is reached or not depending on an assumed contact.
-    pub(crate) passes_end: bool,
+    pub(crate) skips_end: bool,
     /// Line number for commands.
     pub(crate) number: u32,
     /// The line if it is in a subroutine file.
@@ -65,13 +65,13 @@ pub(crate) enum Request {
     /// G70 to G72.2: the profile has to be read from a subroutine first.
     Profile(RoughCall),
     /// M6 by a subroutine.
-    ToolChange(ToolCall, Span),
+    ToolChange(ToolChangeCall, Span),
 }
 
 impl Executor<'_> {
     #[inline]
-    pub(crate) fn out(&mut self, action: Action) {
-        self.out.push_back(CanonicalCommand {
+    pub(crate) fn emit(&mut self, action: Action) {
+        self.commands.push_back(CanonicalCommand {
             line: self.number,
             action,
             origin: self.origin.clone(),
@@ -86,8 +86,8 @@ impl Executor<'_> {
     pub(crate) fn run(&mut self) -> Result<Option<Request>, Fault> {
         let line = self.line;
         if let Some(GCode::FeedMode(mode)) = line.g(Group::FeedMode) {
-            // The lines that restore the modes of earlier blocks do not change it.
-            let is_restored = self.number <= self.settings.restored.lines && self.calls.is_empty();
+            // The preamble of an MDI block does not change it.
+            let is_restored = self.number <= self.settings.preamble.lines && self.calls.is_empty();
             let modes = &mut self.state.modes;
             if !is_restored {
                 modes.active_spindle = line.spindle();
@@ -110,9 +110,9 @@ impl Executor<'_> {
         if self.has_periphery() {
             request = self.periphery()?;
         }
-        if let (Some(NonModal::Dwell), Some(seconds)) = (line.once(), line.word(b'P')) {
+        if let (Some(NonModal::Dwell), Some(seconds)) = (line.non_modal(), line.word(b'P')) {
             self.warn_of_dwell("G4", seconds);
-            self.out(Action::Dwell { seconds });
+            self.emit(Action::Dwell { seconds });
         }
         self.modes()?;
         self.data()?;
@@ -120,23 +120,23 @@ impl Executor<'_> {
             self.state.motion = motion;
         }
         if !matches!(self.state.motion, Motion::Cycle(_)) {
-            self.state.sticky.running = None;
+            self.state.cycle.active = None;
         }
-        let mut called = self.called()?;
-        self.follow_centre();
+        let mut subroutine_call = self.subroutine_call()?;
+        self.update_surface_centre();
         if let Some(motion) = line.motion() {
             self.motion(motion)?;
             if let Motion::Rough(rough) = motion {
-                if called.is_some() {
+                if subroutine_call.is_some() {
                     let message = format!("{} and a call on one line", motion.name());
                     return Err(Fault::new(Code::TwoUsers, line.motion_span(), message)
                         .help("write them on two lines"));
                 }
-                called = Some(self.roughing(rough)?);
+                subroutine_call = Some(self.roughing(rough)?);
             }
         } else if line.motion_code() == Some(Motion::None) {
-            self.state.sticky.running = None;
-        } else if line.once() == Some(NonModal::MachineCoordinates) {
+            self.state.cycle.active = None;
+        } else if line.non_modal() == Some(NonModal::MachineCoordinates) {
             let span = line.group_span(Group::NonModal);
             return Err(
                 Fault::new(Code::MachineCoordinatesMotion, span, "G53 needs G0 or G1")
@@ -144,13 +144,13 @@ impl Executor<'_> {
             );
         }
         self.stop();
-        Ok(called.or(request))
+        Ok(subroutine_call.or(request))
     }
 
     /// Warns of a dwell that is probably meant in milliseconds.
     pub(crate) fn warn_of_dwell(&mut self, code: &str, seconds: f64) {
-        if seconds >= LONG_DWELL_S && seconds.fract() == 0.0 {
-            self.out(Action::Warning(format!(
+        if seconds >= MIN_SUSPICIOUS_DWELL_S && seconds.fract() == 0.0 {
+            self.emit(Action::Warning(format!(
                 "{code} P{seconds} waits {seconds} seconds, because P is in seconds in this dialect; \
                  {seconds} milliseconds are P{}",
                 seconds / 1000.0
@@ -159,19 +159,19 @@ impl Executor<'_> {
     }
 
     /// M98, M99.
-    fn called(&self) -> Result<Option<Request>, Fault> {
+    fn subroutine_call(&self) -> Result<Option<Request>, Fault> {
         let line = self.line;
         match line.m(Group::Stop) {
             Some(MCode::Call) => {
                 let span = line.group_span(Group::Stop);
-                let Some(number) = line.whole(b'P')? else {
+                let Some(number) = line.integer(b'P')? else {
                     return Err(Fault::new(
                         Code::WordMissing,
                         span,
                         "M98 needs P, the number of the subroutine",
                     ));
                 };
-                let times = line.whole(b'L')?.unwrap_or(1);
+                let times = line.integer(b'L')?.unwrap_or(1);
                 Ok(Some(Request::Call { number, times, span }))
             }
             Some(MCode::Return) => Ok(Some(Request::Return)),
@@ -183,26 +183,26 @@ impl Executor<'_> {
         let stop = |optional, pallet| Action::ProgramStop { optional, pallet };
         match self.line.m(Group::Stop) {
             None | Some(MCode::Call | MCode::Return) => {}
-            Some(MCode::Stop) => self.out(stop(false, false)),
-            Some(MCode::OptionalStop) => self.out(stop(true, false)),
-            Some(MCode::PalletStop) => self.out(stop(false, true)),
-            Some(_) if self.passes_end => {}
+            Some(MCode::Stop) => self.emit(stop(false, false)),
+            Some(MCode::OptionalStop) => self.emit(stop(true, false)),
+            Some(MCode::PalletStop) => self.emit(stop(false, true)),
+            Some(_) if self.skips_end => {}
             Some(_) => self.end(),
         }
     }
 
     /// The end of an MDI block: spindle and coolant keep their state.
-    pub(crate) fn end_block(&mut self) {
-        self.leave_compensation();
+    pub(crate) fn end_mdi(&mut self) {
+        self.end_compensation();
         self.state.ended = true;
-        self.out(Action::ProgramEnd);
+        self.emit(Action::ProgramEnd);
     }
 
     /// M2: spindle and coolant off, back to G54, then the end.
     pub(crate) fn end(&mut self) {
-        self.leave_compensation();
+        self.end_compensation();
         if self.state.nurbs_order.is_some() {
-            self.out(Action::Warning(
+            self.emit(Action::Warning(
                 "the program ends between G5.2 and G5.3, so its last NURBS is not executed; write G5.3 at \
                  the end of it"
                     .to_owned(),
@@ -212,12 +212,12 @@ impl Executor<'_> {
             self.select_work(0);
         }
         let modes = &mut self.state.modes;
-        let cooling = modes.mist || modes.flood;
+        let has_coolant = modes.mist || modes.flood;
         (modes.mist, modes.flood) = (false, false);
         for number in 0..SPINDLES {
             let spindle = &mut self.state.modes.spindles[number];
-            // An angle of the spindle is not held any longer either.
-            let turning = spindle.turns() || spindle.orientation.is_some();
+            // This also releases an oriented spindle.
+            let is_active = spindle.is_rotating() || spindle.orientation.is_some();
             spindle.direction = SpindleDirection::Stopped;
             // The following program starts in G97, where metres per minute are not a speed; an MDI block
             // takes the speed from the outputs.
@@ -225,18 +225,18 @@ impl Executor<'_> {
             if is_surface {
                 spindle.speed = ProgrammedSpeed::Rpm(0.0);
             }
-            if turning || is_surface {
-                self.spindle(number);
+            if is_active || is_surface {
+                self.emit_spindle(number);
             }
         }
-        if cooling {
-            self.out(Action::Coolant {
+        if has_coolant {
+            self.emit(Action::Coolant {
                 mist: false,
                 flood: false,
             });
         }
         self.state.ended = true;
-        self.out(Action::ProgramEnd);
+        self.emit(Action::ProgramEnd);
     }
 
     fn select_work(&mut self, index: usize) {
@@ -258,7 +258,7 @@ impl Executor<'_> {
             // F is the lead of this thread, not a feed.
             return Ok(());
         }
-        self.state.fanuc_thread.forget_lead();
+        self.state.fanuc_thread.clear_lead();
         self.state.modes.feed = match self.state.modes.feed_mode {
             // F is valid for its own line only.
             FeedMode::InverseTime => None,
@@ -289,13 +289,13 @@ impl Executor<'_> {
             MCode::AdaptiveFeed => modes.adaptive = Some(on),
             _ => modes.feed_stop = on,
         }
-        self.put_overrides(None);
+        self.emit_overrides(None);
         Ok(())
     }
 
-    pub(crate) fn put_overrides(&mut self, cycle: Option<&'static str>) {
+    pub(crate) fn emit_overrides(&mut self, cycle: Option<&'static str>) {
         let modes = self.state.modes;
-        self.out(Action::Overrides {
+        self.emit(Action::Overrides {
             feed: modes.feed_override,
             spindles: modes.spindle_override,
             adaptive: modes.adaptive,
@@ -362,15 +362,15 @@ impl Executor<'_> {
         if let Some(GCode::ArcCentreAbsolute(absolute)) = line.g(Group::ArcDistance) {
             modes.arc_centre_absolute = absolute;
         }
-        if let Some(GCode::RetractToOld(old)) = line.g(Group::Retract) {
-            modes.retract_to_old = old;
+        if let Some(GCode::RetractToInitial(to_initial)) = line.g(Group::Retract) {
+            modes.retract_to_initial = to_initial;
         }
         Ok(())
     }
 
     /// Executes the motion of the line.
     fn motion(&mut self, motion: Motion) -> Result<(), Fault> {
-        if self.line.has(b'$') && motion.turns_spindle() {
+        if self.line.has(b'$') && motion.uses_spindle() {
             self.state.modes.active_spindle = self.line.spindle();
         }
         if motion != Motion::CubicSpline {
@@ -384,7 +384,7 @@ impl Executor<'_> {
             return Err(Fault::new(Code::SplineOpen, self.line.motion_span(), message)
                 .help("write G5.3 at the end of the NURBS"));
         }
-        if self.line.once() == Some(NonModal::MachineCoordinates)
+        if self.line.non_modal() == Some(NonModal::MachineCoordinates)
             && !matches!(motion, Motion::Rapid | Motion::Linear)
         {
             let span = self.line.group_span(Group::NonModal);
@@ -429,7 +429,7 @@ impl Executor<'_> {
             .help("select the plane with G17, G18 or G19")
     }
 
-    pub(crate) fn no_axes_but(&self, allowed: &[u8], what: &str) -> Result<(), Fault> {
+    pub(crate) fn allow_only_axes(&self, allowed: &[u8], what: &str) -> Result<(), Fault> {
         for axis in AxisLetter::ALL {
             let letter = axis.letter() as u8;
             if self.line.has(letter) && !allowed.contains(&letter) {

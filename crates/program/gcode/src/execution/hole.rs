@@ -13,7 +13,7 @@ use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 
 /// A hole according to its line; heights in program coordinates.
-struct HoleOrder {
+struct HoleCycle {
     hole: Hole,
     centre: Axes,
     /// The centre in machine coordinates.
@@ -26,7 +26,7 @@ struct HoleOrder {
     depths: Vec<f64>,
 }
 
-impl HoleOrder {
+impl HoleCycle {
     /// Roughing, and finishing if there is an allowance for it.
     fn stages(&self) -> &'static [bool] {
         if self.allowance_mm > 0.0 {
@@ -37,15 +37,15 @@ impl HoleOrder {
     }
 
     fn pass(&self, finish: bool, depth: f64) -> Result<HolePass, HoleError> {
-        let mut at = self.machine;
-        at[2] = self.machine[2] + (depth - self.centre[2]);
+        let mut position = self.machine;
+        position[2] = self.machine[2] + (depth - self.centre[2]);
         if finish {
             let start = HoleStart::CurvatureRadius(0.5 * self.hole.path_radius_mm(0.0)?);
-            self.hole.finish(self.turns, 0.0, start, &at)
+            self.hole.finish(self.turns, 0.0, start, &position)
         } else {
             let start = HoleStart::Centre;
             self.hole
-                .rough(self.pitch_mm, None, self.allowance_mm, start, &at)
+                .rough(self.pitch_mm, None, self.allowance_mm, start, &position)
         }
     }
 }
@@ -53,40 +53,40 @@ impl HoleOrder {
 impl Executor<'_> {
     /// Executes a line with G12.2 (conventional with M3) or G13.2 (climb).
     pub(crate) fn hole(&mut self, sense: Sense) -> Result<(), Fault> {
-        let order = self.hole_order(sense)?;
-        // No motion unless the whole hole is possible.
-        let lowest = order.depths.last().copied().unwrap_or(order.r);
-        for &finish in order.stages() {
-            self.hole_pass(&order, finish, lowest)?;
+        let cycle = self.hole_cycle(sense)?;
+        // No motion unless all passes are possible.
+        let lowest = cycle.depths.last().copied().unwrap_or(cycle.r);
+        for &finish in cycle.stages() {
+            self.hole_pass(&cycle, finish, lowest)?;
         }
-        let here = self.state.program_of(self.state.position);
-        let clear = if self.state.modes.retract_to_old {
-            here[2].max(order.r)
+        let position = self.state.machine_to_program(self.state.position);
+        let clear_height = if self.state.modes.retract_to_initial {
+            position[2].max(cycle.r)
         } else {
-            order.r
+            cycle.r
         };
         let mode = self.state.modes.path_mode;
-        if here[2] < order.r {
-            let mut up = here;
-            up[2] = order.r;
-            self.go(up, MoveKind::Rapid, mode)?;
+        if position[2] < cycle.r {
+            let mut above = position;
+            above[2] = cycle.r;
+            self.move_to(above, MoveKind::Rapid, mode)?;
         }
-        for &finish in order.stages() {
-            for &depth in &order.depths {
-                let pass = self.hole_pass(&order, finish, depth)?;
-                self.pass(&pass, order.r)?;
+        for &finish in cycle.stages() {
+            for &depth in &cycle.depths {
+                let pass = self.hole_pass(&cycle, finish, depth)?;
+                self.pass(&pass, cycle.r)?;
             }
         }
-        let mut up = self.state.program_of(self.state.position);
-        up[2] = clear;
-        self.go(up, MoveKind::Rapid, mode)?;
-        let mut back = up;
-        (back[0], back[1]) = (order.centre[0], order.centre[1]);
-        self.go(back, MoveKind::Rapid, mode)
+        let mut above = self.state.machine_to_program(self.state.position);
+        above[2] = clear_height;
+        self.move_to(above, MoveKind::Rapid, mode)?;
+        let mut back = above;
+        (back[0], back[1]) = (cycle.centre[0], cycle.centre[1]);
+        self.move_to(back, MoveKind::Rapid, mode)
     }
 
     /// Reads the words of the line.
-    fn hole_order(&mut self, sense: Sense) -> Result<HoleOrder, Fault> {
+    fn hole_cycle(&mut self, sense: Sense) -> Result<HoleCycle, Fault> {
         let line = self.line;
         let name = if sense == Sense::Clockwise {
             "G12.2"
@@ -96,7 +96,7 @@ impl Executor<'_> {
         if self.state.plane() != Some(Plane::Xy) {
             return Err(self.wrong_plane(name));
         }
-        self.no_axes_but(b"XYZ", name)?;
+        self.allow_only_axes(b"XYZ", name)?;
         if self.state.cutter.is_on() {
             let message = format!("{name} while cutter compensation is on");
             return Err(Fault::new(Code::CompensationActive, line.motion_span(), message)
@@ -108,16 +108,16 @@ impl Executor<'_> {
         }
         self.check_feed(name)?;
         let unit = self.state.unit_mm();
-        let need = |letter: u8, what: &str| {
+        let required_mm = |letter: u8, what: &str| {
             line.word(letter).map(|value| value * unit).ok_or_else(|| {
                 let message = format!("{name} needs {}, {what}", char::from(letter));
                 Fault::new(Code::WordMissing, line.motion_span(), message)
             })
         };
-        let diameter_mm = need(b'D', "the diameter of the hole")?;
-        let pitch_mm = need(b'Q', "the radial pitch of the involute")?;
-        let mut r = need(b'R', "the height from which the tool feeds")?;
-        let mut bottom = need(b'Z', "the bottom of the hole")?;
+        let diameter_mm = required_mm(b'D', "the diameter of the hole")?;
+        let pitch_mm = required_mm(b'Q', "the radial pitch of the involute")?;
+        let mut r = required_mm(b'R', "the height from which the tool feeds")?;
+        let mut bottom = required_mm(b'Z', "the bottom of the hole")?;
         let allowance_mm = line.word(b'K').unwrap_or(0.0) * unit;
         let tool_diameter_mm = match line.word(b'E') {
             Some(diameter) => diameter * unit,
@@ -126,26 +126,26 @@ impl Executor<'_> {
                 self.tool(tool, b'T', Group::Motion)?.diameter_mm
             }
         };
-        let here = self.state.program_of(self.state.position);
+        let position = self.state.machine_to_program(self.state.position);
         if self.state.modes.incremental {
-            r += here[2];
+            r += position[2];
             bottom += r;
         }
         let step = line.word(b'I').map_or(r - bottom, |step| step * unit);
-        let depths = depths_mm(r, bottom, step).map_err(|error| self.refuse_hole(&error))?;
-        let turns = line.whole(b'J')?.unwrap_or(1);
-        let mut centre = here;
+        let depths = depths_mm(r, bottom, step).map_err(|error| self.hole_rejected(&error))?;
+        let turns = line.integer(b'J')?.unwrap_or(1);
+        let mut centre = position;
         for axis in 0..2 {
             if let Some(value) = line.axis(axis) {
                 let value = value * self.state.word_unit(axis);
                 centre[axis] = if self.state.modes.incremental {
-                    here[axis] + value
+                    position[axis] + value
                 } else {
                     value
                 };
             }
         }
-        let machine = self.state.machine_of(centre);
+        let machine = self.state.program_to_machine(centre);
         let hole = Hole {
             plane: Plane::Xy,
             centre_mm: [machine[0], machine[1]],
@@ -157,7 +157,7 @@ impl Executor<'_> {
                 Milling::Climb
             },
         };
-        Ok(HoleOrder {
+        Ok(HoleCycle {
             hole,
             centre,
             machine,
@@ -169,7 +169,7 @@ impl Executor<'_> {
         })
     }
 
-    fn refuse_hole(&self, error: &HoleError) -> Fault {
+    fn hole_rejected(&self, error: &HoleError) -> Fault {
         Fault::new(Code::HoleRefused, self.line.motion_span(), error.to_string()).help(
             "D is the diameter of the hole, E or the tool table that of the tool, Q the pitch, K the \
                    allowance",
@@ -177,10 +177,10 @@ impl Executor<'_> {
     }
 
     /// The path at one depth.
-    fn hole_pass(&self, order: &HoleOrder, finish: bool, depth: f64) -> Result<HolePass, Fault> {
-        order
+    fn hole_pass(&self, cycle: &HoleCycle, finish: bool, depth: f64) -> Result<HolePass, Fault> {
+        cycle
             .pass(finish, depth)
-            .map_err(|error| self.refuse_hole(&error))
+            .map_err(|error| self.hole_rejected(&error))
     }
 
     /// One pass at one depth, starting and ending at R.
@@ -192,17 +192,17 @@ impl Executor<'_> {
         let start = first.curve.start();
         let mut above = start;
         above[2] = self.state.position[2];
-        self.put_line(above, MoveKind::Rapid)?;
-        let mut at = self.state.program_of(self.state.position);
-        at[2] = r;
-        self.go(at, MoveKind::Rapid, mode)?;
-        self.put_line(start, MoveKind::Feed)?;
+        self.emit_line(above, MoveKind::Rapid)?;
+        let mut position = self.state.machine_to_program(self.state.position);
+        position[2] = r;
+        self.move_to(position, MoveKind::Rapid, mode)?;
+        self.emit_line(start, MoveKind::Feed)?;
         for block in &pass.blocks {
             let feed = self.speed(block.curve.length(), false);
-            self.put_curve(block.curve, MoveKind::Feed, feed, mode)?;
+            self.emit_curve(block.curve, MoveKind::Feed, feed, mode)?;
         }
-        at = self.state.program_of(self.state.position);
-        at[2] = r;
-        self.go(at, MoveKind::Rapid, mode)
+        position = self.state.machine_to_program(self.state.position);
+        position[2] = r;
+        self.move_to(position, MoveKind::Rapid, mode)
     }
 }

@@ -3,7 +3,7 @@
 
 pub(crate) mod arc;
 pub(crate) mod compensation;
-pub(crate) mod contour_watch;
+pub(crate) mod contour_checker;
 pub(crate) mod cycles;
 pub(crate) mod execute;
 pub(crate) mod hole;

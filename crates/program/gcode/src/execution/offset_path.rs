@@ -7,7 +7,7 @@
 
 /// Corners that turn by less than this, in radians, are passed straight, as in LinuxCNC, unless the tool
 /// would come closer to the contour by more than `1 - cos(0.05)` = 0.125 % of its radius.
-pub(crate) const STRAIGHT: f64 = 0.05;
+pub(crate) const STRAIGHT_RAD: f64 = 0.05;
 
 /// Tolerance for missing length on the path, mm: rounding of coordinates in double precision, with a margin.
 pub(crate) const ROUNDING_MM: f64 = 1e-6;
@@ -43,10 +43,10 @@ pub(crate) struct Element {
     pub(crate) end: Point,
     /// Direction at the end.
     pub(crate) end_tangent: Point,
-    /// Length in the plane that corners have left of it, in mm.
+    /// Length in the plane that remains after its corners, mm.
     pub(crate) remaining: f64,
-    /// For the straight move to the contour: its start. It goes straight from there to wherever the first
-    /// corner permits, so its length is not a limit.
+    /// For the straight move to the contour: its start. It ends wherever the first corner permits, so its
+    /// length is not a limit.
     pub(crate) entry: Option<Point>,
 }
 
@@ -65,11 +65,11 @@ pub(crate) enum Corner {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Misfit {
     /// The paths of its centre do not intersect.
-    Apart,
+    NoIntersection,
     /// The corner takes more of the first element than remains.
-    Before { needed: f64, left: f64 },
+    Before { needed: f64, available: f64 },
     /// The corner takes more of the second element than its length.
-    After { needed: f64, left: f64 },
+    After { needed: f64, available: f64 },
 }
 
 pub(crate) fn sub(a: Point, b: Point) -> Point {
@@ -94,7 +94,7 @@ fn cross(a: Point, b: Point) -> f64 {
 }
 
 /// Rotated by +90 degrees.
-pub(crate) fn left(a: Point) -> Point {
+pub(crate) fn perpendicular(a: Point) -> Point {
     [-a[1], a[0]]
 }
 
@@ -105,14 +105,14 @@ pub(crate) fn length(a: Point) -> f64 {
 impl Shape {
     /// The common points of two paths, at most two.
     fn crossings(&self, other: &Self) -> impl Iterator<Item = Point> {
-        let known = |point: Point| point.iter().all(|value| value.is_finite()).then_some(point);
+        let finite = |point: Point| point.iter().all(|value| value.is_finite()).then_some(point);
         // Two points on either side of the middle of a chord.
-        let pair = |middle: Point, direction: Point, square: f64| {
+        let chord_ends = |middle: Point, direction: Point, square: f64| {
             if square >= 0.0 {
                 let half = square.sqrt();
                 [
-                    known(along(middle, direction, half)),
-                    known(along(middle, direction, -half)),
+                    finite(along(middle, direction, half)),
+                    finite(along(middle, direction, -half)),
                 ]
             } else {
                 [None; 2]
@@ -123,33 +123,35 @@ impl Shape {
                 Self::Line { point, direction },
                 Self::Line {
                     point: second,
-                    direction: way,
+                    direction: second_direction,
                 },
             ) => {
-                let distance = cross(sub(second, point), way) / cross(direction, way);
-                [known(along(point, direction, distance)), None]
+                let distance =
+                    cross(sub(second, point), second_direction) / cross(direction, second_direction);
+                [finite(along(point, direction, distance)), None]
             }
             (Self::Line { point, direction }, Self::Circle { centre, radius, .. })
             | (Self::Circle { centre, radius, .. }, Self::Line { point, direction }) => {
                 let foot = along(point, direction, dot(sub(centre, point), direction));
-                let apart = length(sub(foot, centre));
-                pair(foot, direction, (radius - apart) * (radius + apart))
+                let distance = length(sub(foot, centre));
+                chord_ends(foot, direction, (radius - distance) * (radius + distance))
             }
             (
                 Self::Circle { centre, radius, .. },
                 Self::Circle {
                     centre: second,
-                    radius: other,
+                    radius: second_radius,
                     ..
                 },
             ) => {
-                let between = sub(second, centre);
-                let apart = length(between);
-                let unit = [between[0] / apart, between[1] / apart];
-                let foot = (apart * apart + (radius - other) * (radius + other)) / (2.0 * apart);
-                pair(
+                let between_centres = sub(second, centre);
+                let distance = length(between_centres);
+                let unit = [between_centres[0] / distance, between_centres[1] / distance];
+                let foot = (distance * distance + (radius - second_radius) * (radius + second_radius))
+                    / (2.0 * distance);
+                chord_ends(
                     along(centre, unit, foot),
-                    left(unit),
+                    perpendicular(unit),
                     (radius - foot) * (radius + foot),
                 )
             }
@@ -157,9 +159,9 @@ impl Shape {
         points.into_iter().flatten()
     }
 
-    /// The path length between two of its points, negative if `to` comes before `from`; on a circle the
-    /// shorter way.
-    fn between(&self, from: Point, to: Point) -> f64 {
+    /// The path length between two of its points, negative if `to` comes before `from`; on a circle
+    /// along the shorter arc.
+    fn path_length(&self, from: Point, to: Point) -> f64 {
         match *self {
             Self::Line { direction, .. } => dot(sub(to, from), direction),
             Self::Circle { centre, radius, sign } => {
@@ -174,14 +176,14 @@ impl Shape {
         match *self {
             Self::Line { direction, .. } => direction,
             Self::Circle { centre, radius, sign } => {
-                left(sub(point, centre)).map(|value| value * sign / radius)
+                perpendicular(sub(point, centre)).map(|value| value * sign / radius)
             }
         }
     }
 
     /// Curvature of the programmed path beside which a tool of this radius moves, in 1/mm, positive if it
     /// curves towards the tool.
-    fn bend(&self, tool_radius: f64, side: f64) -> f64 {
+    fn curvature(&self, tool_radius: f64, side: f64) -> f64 {
         match *self {
             Self::Line { .. } => 0.0,
             Self::Circle { radius, sign, .. } => side * sign / (radius + side * sign * tool_radius),
@@ -192,17 +194,17 @@ impl Shape {
     fn is_clear(&self, from: Point, to: Point, side: f64) -> bool {
         match *self {
             Self::Line { point, direction } => {
-                let aside = |place: Point| side * cross(direction, sub(place, point));
-                aside(from).min(aside(to)) >= -ROUNDING_MM
+                let signed_distance = |end: Point| side * cross(direction, sub(end, point));
+                signed_distance(from).min(signed_distance(to)) >= -ROUNDING_MM
             }
             Self::Circle { centre, radius, sign } => {
                 let (a, b) = (sub(from, centre), sub(to, centre));
                 if sign * side > 0.0 {
                     return length(a).max(length(b)) <= radius + ROUNDING_MM;
                 }
-                let way = sub(b, a);
-                let foot = (-dot(a, way) / dot(way, way)).clamp(0.0, 1.0);
-                length(along(a, way, foot)) >= radius - ROUNDING_MM
+                let chord = sub(b, a);
+                let foot = (-dot(a, chord) / dot(chord, chord)).clamp(0.0, 1.0);
+                length(along(a, chord, foot)) >= radius - ROUNDING_MM
             }
         }
     }
@@ -214,7 +216,7 @@ impl Element {
     ///
     /// # Errors
     /// [`Misfit`] if the tool cannot follow both without cutting into the contour.
-    pub(crate) fn meet(&self, next: &Self, radius: f64, side: f64) -> Result<Corner, Misfit> {
+    pub(crate) fn corner_with(&self, next: &Self, radius: f64, side: f64) -> Result<Corner, Misfit> {
         let turn = side
             * libm::atan2(
                 cross(self.end_tangent, next.begin_tangent),
@@ -222,13 +224,13 @@ impl Element {
             );
         // On a concave arc only slightly wider than the tool even a small corner would lead the tool far from
         // its path.
-        let gives = radius * (1.0 - libm::cos(STRAIGHT)) + ROUNDING_MM;
-        let small = turn.abs() <= STRAIGHT;
-        if small && next.aside(self.end) <= gives || radius < ROUNDING_MM {
-            return next.straight_from(self.end);
+        let tolerance = radius * (1.0 - libm::cos(STRAIGHT_RAD)) + ROUNDING_MM;
+        let is_small = turn.abs() <= STRAIGHT_RAD;
+        if is_small && next.start_distance(self.end) <= tolerance || radius < ROUNDING_MM {
+            return next.continue_from(self.end);
         }
-        if std::f64::consts::PI - turn.abs() <= STRAIGHT {
-            return self.turn_back(next, turn, radius, side, gives);
+        if std::f64::consts::PI - turn.abs() <= STRAIGHT_RAD {
+            return self.reversal(next, turn, radius, side, tolerance);
         }
         if turn < 0.0 {
             return Ok(Corner::Outer);
@@ -237,15 +239,15 @@ impl Element {
         let inward =
             |point: &Point| side * cross(self.shape.tangent(*point), next.shape.tangent(*point)) >= 0.0;
         let crossings = self.shape.crossings(&next.shape).filter(inward);
-        let nearest = crossings.map(|point| (self.lost(next, point), point));
+        let nearest = crossings.map(|point| (self.trimmed_lengths(next, point), point));
         let Some(((before, after), point)) =
             nearest.min_by(|a, b| (a.0.0.abs() + a.0.1.abs()).total_cmp(&(b.0.0.abs() + b.0.1.abs())))
         else {
             // Arcs with rounded ends may miss each other by that much.
-            return if small {
-                next.straight_from(self.end)
+            return if is_small {
+                next.continue_from(self.end)
             } else {
-                Err(Misfit::Apart)
+                Err(Misfit::NoIntersection)
             };
         };
         if !self.enters(next, before, point, side) {
@@ -257,93 +259,93 @@ impl Element {
 
     /// A reversal. On a line the tool goes around the end. If arcs curve so that the second path is on the
     /// tool's side of the first, as between the legs of an `h`, the corner is an inner one.
-    fn turn_back(
+    fn reversal(
         &self,
         next: &Self,
         turn: f64,
         radius: f64,
         side: f64,
-        gives: f64,
+        tolerance: f64,
     ) -> Result<Corner, Misfit> {
         let crossings = self.shape.crossings(&next.shape);
-        let cuts = crossings.map(|point| (self.lost(next, point), point));
-        let fitting = cuts.filter(|((before, after), point)| {
-            let first = self.fits_before(*before).is_ok() || self.enters(next, *before, *point, side);
-            first && next.fits_after(*after).is_ok()
+        let candidates = crossings.map(|point| (self.trimmed_lengths(next, point), point));
+        let fitting = candidates.filter(|((before, after), point)| {
+            let fits_first = self.fits_before(*before).is_ok() || self.enters(next, *before, *point, side);
+            fits_first && next.fits_after(*after).is_ok()
         });
         if let Some(((before, after), point)) = fitting.min_by(|a, b| a.0.0.total_cmp(&b.0.0)) {
             return Ok(Corner::Inner { point, before, after });
         }
         // Opening between the two paths: from their angle, and from the curvature of both towards the tool.
         let angle = turn.signum() * (std::f64::consts::PI - turn.abs());
-        let bend = self.shape.bend(radius, side) + next.shape.bend(radius, side);
-        let far = self.remaining.min(next.remaining);
-        let far = if bend > 0.0 {
-            far.min(angle.max(0.0) / bend)
+        let curvature = self.shape.curvature(radius, side) + next.shape.curvature(radius, side);
+        let available = self.remaining.min(next.remaining);
+        let available = if curvature > 0.0 {
+            available.min(angle.max(0.0) / curvature)
         } else {
-            far
+            available
         };
-        let wide = angle.max(0.0) * far - 0.5 * bend * far * far;
-        if wide > gives.max(FOLD_MM) || bend < -f64::EPSILON {
-            return Err(Misfit::Apart);
+        let opening = angle.max(0.0) * available - 0.5 * curvature * available * available;
+        if opening > tolerance.max(FOLD_MM) || curvature < -f64::EPSILON {
+            return Err(Misfit::NoIntersection);
         }
         Ok(Corner::Outer)
     }
 
     /// Distance of a point from the path at its start. The radius of an arc is that at its start, since the
     /// radius at its end may differ by rounding in the program.
-    fn aside(&self, place: Point) -> f64 {
+    fn start_distance(&self, target: Point) -> f64 {
         match self.shape {
-            Shape::Line { point, direction } => cross(direction, sub(place, point)).abs(),
+            Shape::Line { point, direction } => cross(direction, sub(target, point)).abs(),
             Shape::Circle { centre, .. } => {
-                (length(sub(place, centre)) - length(sub(self.begin, centre))).abs()
+                (length(sub(target, centre)) - length(sub(self.begin, centre))).abs()
             }
         }
     }
 
-    /// This element started at the end of the previous one.
-    fn straight_from(&self, place: Point) -> Result<Corner, Misfit> {
-        let after = self.shape.between(self.begin, place);
+    /// The corner if this element starts at the end of the previous one.
+    fn continue_from(&self, target: Point) -> Result<Corner, Misfit> {
+        let after = self.shape.path_length(self.begin, target);
         self.fits_after(after.max(0.0))
             .map(|()| Corner::Straight { after })
     }
 
-    /// Lengths that this element and the next lose if the tool changes over at a point.
-    fn lost(&self, next: &Self, point: Point) -> (f64, f64) {
+    /// Lengths by which this element and the next are trimmed if they meet at a point.
+    fn trimmed_lengths(&self, next: &Self, point: Point) -> (f64, f64) {
         (
-            self.shape.between(point, self.end),
-            next.shape.between(next.begin, point),
+            self.shape.path_length(point, self.end),
+            next.shape.path_length(next.begin, point),
         )
     }
 
-    /// Whether this is the move to the contour, and reaches a point of the next element without touching that
-    /// one.
+    /// Whether this is the move to the contour and reaches a point of the next element without touching that
+    /// element.
     fn enters(&self, next: &Self, before: f64, point: Point, side: f64) -> bool {
-        let clear = |from: Point| before >= 0.0 && next.shape.is_clear(from, point, side);
-        self.entry.is_some_and(clear)
+        let is_clear = |from: Point| before >= 0.0 && next.shape.is_clear(from, point, side);
+        self.entry.is_some_and(is_clear)
     }
 
     fn fits_before(&self, needed: f64) -> Result<(), Misfit> {
-        let left = self.remaining;
-        if (-ROUNDING_MM..=left + ROUNDING_MM).contains(&needed) {
+        let available = self.remaining;
+        if (-ROUNDING_MM..=available + ROUNDING_MM).contains(&needed) {
             return Ok(());
         }
         Err(if needed < 0.0 {
-            Misfit::Apart
+            Misfit::NoIntersection
         } else {
-            Misfit::Before { needed, left }
+            Misfit::Before { needed, available }
         })
     }
 
     fn fits_after(&self, needed: f64) -> Result<(), Misfit> {
-        let left = self.remaining;
-        if (-ROUNDING_MM..=left + ROUNDING_MM).contains(&needed) {
+        let available = self.remaining;
+        if (-ROUNDING_MM..=available + ROUNDING_MM).contains(&needed) {
             return Ok(());
         }
         Err(if needed < 0.0 {
-            Misfit::Apart
+            Misfit::NoIntersection
         } else {
-            Misfit::After { needed, left }
+            Misfit::After { needed, available }
         })
     }
 }

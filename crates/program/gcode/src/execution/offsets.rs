@@ -28,25 +28,25 @@ impl Executor<'_> {
             )
             .help("write G43 or G49 before G41 and G42"));
         }
-        let by_axes =
-            code == LengthOffset::Given || code == LengthOffset::Added && line.has_axes() && !line.has(b'H');
-        let mut change = Axes::zeros();
+        let by_axes = code == LengthOffset::Dynamic
+            || code == LengthOffset::Additional && line.has_axes() && !line.has(b'H');
+        let mut table_offset = Axes::zeros();
         if code != LengthOffset::Off && !by_axes {
             let number = self.tool_number(b'H')?;
-            change = self.tool(number, b'H', Group::LengthOffset)?.offset;
+            table_offset = self.tool(number, b'H', Group::LengthOffset)?.offset;
             if code == LengthOffset::Table {
-                self.warn_of_other_length(number, &change);
+                self.warn_of_other_length(number, &table_offset);
             }
         }
         match code {
             LengthOffset::Off => self.state.tool_offset = Axes::zeros(),
-            LengthOffset::Table => self.state.tool_offset = change,
-            LengthOffset::Added if !by_axes => self.state.tool_offset += change,
-            LengthOffset::Given | LengthOffset::Added => {
+            LengthOffset::Table => self.state.tool_offset = table_offset,
+            LengthOffset::Additional if !by_axes => self.state.tool_offset += table_offset,
+            LengthOffset::Dynamic | LengthOffset::Additional => {
                 for axis in AxisLetter::ALL {
                     let index = axis.index();
                     if let Some(value) = line.axis(index) {
-                        let base = if code == LengthOffset::Added {
+                        let base = if code == LengthOffset::Additional {
                             self.state.tool_offset[index]
                         } else {
                             0.0
@@ -64,11 +64,11 @@ impl Executor<'_> {
     /// spindle is unknown.
     fn warn_of_other_length(&mut self, number: u32, offset: &Axes) {
         let present = self.state.tool;
-        let own = self.tools.as_ref().and_then(|tools| tools.get(present));
-        if present == 0 || number == present || own.is_none_or(|own| own.offset == *offset) {
+        let present_tool = self.tools.as_ref().and_then(|tools| tools.get(present));
+        if present == 0 || number == present || present_tool.is_none_or(|tool| tool.offset == *offset) {
             return;
         }
-        self.out(Action::Warning(format!(
+        self.emit(Action::Warning(format!(
             "G43 H{number} takes the length of tool {number}, but tool {present} is in the spindle: write \
              H{present}, or G43 alone for the tool in the spindle"
         )));
@@ -76,7 +76,7 @@ impl Executor<'_> {
 
     /// The tool of H or D; without the word, or with 0, the tool in the spindle.
     pub(crate) fn tool_number(&self, letter: u8) -> Result<u32, Fault> {
-        let number = self.line.whole(letter)?.filter(|number| *number != 0);
+        let number = self.line.integer(letter)?.filter(|number| *number != 0);
         Ok(number.unwrap_or(self.state.tool))
     }
 
@@ -100,7 +100,7 @@ impl Executor<'_> {
                 )))
             }
             None if self.settings.tools_without_table => {
-                self.out(Action::Warning(format!(
+                self.emit(Action::Warning(format!(
                     "there is no tool table, so offsets and diameter of tool {number} are 0"
                 )));
                 Ok(Tool::new(number))
@@ -124,23 +124,23 @@ impl Executor<'_> {
     /// Codes of group 0 that write offsets, and G28 and G30.
     pub(crate) fn data(&mut self) -> Result<(), Fault> {
         let line = self.line;
-        if let Some(once) = line.once() {
-            self.data_of(once)?;
+        if let Some(non_modal) = line.non_modal() {
+            self.execute_non_modal(non_modal)?;
         }
         match line.offset_switch() {
-            Some(switch) => self.data_of(switch),
+            Some(switch) => self.execute_non_modal(switch),
             None => Ok(()),
         }
     }
 
-    fn data_of(&mut self, once: NonModal) -> Result<(), Fault> {
+    fn execute_non_modal(&mut self, code: NonModal) -> Result<(), Fault> {
         let line = self.line;
-        if self.state.cutter.is_on() && !matches!(once, NonModal::Dwell) {
+        if self.state.cutter.is_on() && !matches!(code, NonModal::Dwell) {
             let span = line.group_span(Group::NonModal);
-            let message = format!("{} while cutter compensation is on", once.name());
+            let message = format!("{} while cutter compensation is on", code.name());
             return Err(Fault::new(Code::CompensationActive, span, message).help("write G40 first"));
         }
-        match once {
+        match code {
             NonModal::Dwell | NonModal::MachineCoordinates => {}
             NonModal::SetData => return self.set_data(),
             NonModal::Home(first) => return self.home(first),
@@ -149,13 +149,13 @@ impl Executor<'_> {
                 self.parameters.set_axes(first, &position);
             }
             NonModal::LocalOffset | NonModal::SetOffset => {
-                let here = self.state.program_of(self.state.programmed()) + self.state.g92;
+                let position = self.state.machine_to_program(self.state.programmed()) + self.state.g92;
                 for axis in AxisLetter::ALL {
                     let index = axis.index();
                     if let Some(value) = line.axis(index) {
                         let value = value * self.state.word_unit(index);
-                        self.state.g92[index] = if once == NonModal::SetOffset {
-                            here[index] - value
+                        self.state.g92[index] = if code == NonModal::SetOffset {
+                            position[index] - value
                         } else {
                             value
                         };
@@ -202,13 +202,13 @@ impl Executor<'_> {
                 text.to_owned(),
             ))
         };
-        let Some(what) = line.whole(b'L')? else {
+        let Some(kind) = line.integer(b'L')? else {
             return missing("G10 needs L: 1, 10, 11 write a tool, 2 and 20 a work offset");
         };
-        match what {
+        match kind {
             0 => Ok(()),
             2 | 20 => {
-                let Some(number) = line.whole(b'P')? else {
+                let Some(number) = line.integer(b'P')? else {
                     return missing(
                         "G10 L2 and L20 need P: 1 for G54 to 9 for G59.3, 0 for the one in force",
                     );
@@ -221,10 +221,10 @@ impl Executor<'_> {
                         return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message));
                     }
                 };
-                self.set_work_offset(what == 20, index)
+                self.set_work_offset(kind == 20, index)
             }
             1 | 10 | 11 => {
-                let Some(number) = line.whole(b'P')? else {
+                let Some(number) = line.integer(b'P')? else {
                     return missing("G10 L1, L10 and L11 need P, the number of the tool");
                 };
                 if number == 0 {
@@ -232,12 +232,12 @@ impl Executor<'_> {
                     return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message)
                         .help("write the number of the tool in the spindle: #5400"));
                 }
-                self.set_tool(what, number)
+                self.set_tool(kind, number)
             }
             _ => {
-                let message = format!("L{what}: G10 supports L0, L1, L2, L10, L11 and L20");
+                let message = format!("L{kind}: G10 supports L0, L1, L2, L10, L11 and L20");
                 let fault = Fault::new(Code::OutOfRange, line.span(b'L'), message);
-                Err(match what {
+                Err(match kind {
                     12 | 13 => fault.help("the radius of a tool is R of G10 L1 P.. R.."),
                     50..=52 => {
                         fault.help("the machine file and the tool table replace parameters of the control")
@@ -248,36 +248,36 @@ impl Executor<'_> {
         }
     }
 
-    fn set_work_offset(&mut self, here: bool, index: usize) -> Result<(), Fault> {
+    fn set_work_offset(&mut self, from_position: bool, index: usize) -> Result<(), Fault> {
         let line = self.line;
         let first = WORK_OFFSET_1 + 20 * index;
         if let Some(degrees) = line.word(b'R') {
             self.parameters.set_numbered(first + AXES, degrees);
         }
-        let mut there = *self.state;
-        there.modes.work_index = index;
-        there.load_work(self.parameters);
-        let now = there.program_of(there.programmed());
-        let mut wanted = now;
+        let mut state = *self.state;
+        state.modes.work_index = index;
+        state.load_work(self.parameters);
+        let present = state.machine_to_program(state.programmed());
+        let mut target = present;
         for axis in AxisLetter::ALL {
-            let place = axis.index();
-            if let Some(value) = line.axis(place) {
-                wanted[place] = value * self.state.word_unit(place);
+            let axis_index = axis.index();
+            if let Some(value) = line.axis(axis_index) {
+                target[axis_index] = value * self.state.word_unit(axis_index);
             }
         }
-        let shift = there.turn(now - wanted);
+        let shift = state.rotate(present - target);
         // In rotated coordinates an offset along X changes both axes of the machine.
-        let level = here && there.rotation[0] != 0.0 && (line.has(b'X') || line.has(b'Y'));
+        let is_coupled = from_position && state.rotation[0] != 0.0 && (line.has(b'X') || line.has(b'Y'));
         for axis in AxisLetter::ALL {
-            let place = axis.index();
-            if line.axis(place).is_some() || level && place < 2 {
-                let value = if here {
-                    there.work[place] + shift[place]
+            let axis_index = axis.index();
+            if line.axis(axis_index).is_some() || is_coupled && axis_index < 2 {
+                let value = if from_position {
+                    state.work[axis_index] + shift[axis_index]
                 } else {
-                    wanted[place]
+                    target[axis_index]
                 };
                 check_coordinate(value, axis, line)?;
-                self.parameters.set_numbered(first + place, value);
+                self.parameters.set_numbered(first + axis_index, value);
             }
         }
         if index == self.state.modes.work_index {
@@ -286,43 +286,43 @@ impl Executor<'_> {
         Ok(())
     }
 
-    fn set_tool(&mut self, what: u32, number: u32) -> Result<(), Fault> {
+    fn set_tool(&mut self, kind: u32, number: u32) -> Result<(), Fault> {
         let line = self.line;
-        let known = self.tools.as_ref().and_then(|tools| tools.get(number)).copied();
-        let mut tool = known.unwrap_or_else(|| Tool::new(number));
+        let existing = self.tools.as_ref().and_then(|tools| tools.get(number)).copied();
+        let mut tool = existing.unwrap_or_else(|| Tool::new(number));
         // The position of the tip without tool length: in the active coordinates, or in those of G59.3.
-        let mut there = *self.state;
-        there.tool_offset = Axes::zeros();
-        if what == 11 {
-            there.modes.work_index = WORK_OFFSETS - 1;
-            there.load_work(self.parameters);
-            there.g92 = Axes::zeros();
+        let mut state = *self.state;
+        state.tool_offset = Axes::zeros();
+        if kind == 11 {
+            state.modes.work_index = WORK_OFFSETS - 1;
+            state.load_work(self.parameters);
+            state.g92 = Axes::zeros();
         }
-        let bare = there.program_of(there.programmed());
+        let tip = state.machine_to_program(state.programmed());
         // An offset acts along the axes of the machine, but the words are along those of the system.
-        let mut wanted = there.turn_back(tool.offset);
+        let mut target = state.rotate_back(tool.offset);
         for axis in AxisLetter::ALL {
-            let place = axis.index();
-            if let Some(value) = line.axis(place) {
-                let value = value * self.state.word_unit(place);
-                wanted[place] = if what == 1 { value } else { bare[place] - value };
+            let index = axis.index();
+            if let Some(value) = line.axis(index) {
+                let value = value * self.state.word_unit(index);
+                target[index] = if kind == 1 { value } else { tip[index] - value };
             }
         }
-        let rotated = what != 1 && there.rotation[0] != 0.0;
-        let offset = if rotated { there.turn(wanted) } else { wanted };
+        let rotated = kind != 1 && state.rotation[0] != 0.0;
+        let offset = if rotated { state.rotate(target) } else { target };
         // In rotated coordinates a length along X has a component of both axes of the machine.
-        let level = rotated && (line.has(b'X') || line.has(b'Y'));
+        let is_coupled = rotated && (line.has(b'X') || line.has(b'Y'));
         for axis in AxisLetter::ALL {
-            let place = axis.index();
-            if line.axis(place).is_some() || level && place < 2 {
-                check_coordinate(offset[place], axis, line)?;
-                tool.offset[place] = offset[place];
+            let index = axis.index();
+            if line.axis(index).is_some() || is_coupled && index < 2 {
+                check_coordinate(offset[index], axis, line)?;
+                tool.offset[index] = offset[index];
             }
         }
         if let Some(radius) = line.word(b'R') {
-            if what != 1 && !line.has_axes() {
-                self.out(Action::Warning(format!(
-                    "R{radius} becomes the radius of tool {number}; on other controls G10 L{what} P R sets its \
+            if kind != 1 && !line.has_axes() {
+                self.emit(Action::Warning(format!(
+                    "R{radius} becomes the radius of tool {number}; on other controls G10 L{kind} P R sets its \
                      length (here G10 L1 P{number} Z..) or the wear of its length"
                 )));
             }
@@ -334,7 +334,7 @@ impl Executor<'_> {
         if let Some(angle) = line.word(b'J') {
             tool.back_angle_deg = angle;
         }
-        if let Some(orientation) = line.whole(b'Q')? {
+        if let Some(orientation) = line.integer(b'Q')? {
             if orientation > MAX_ORIENTATION {
                 let message = format!("Q{orientation}: the orientation of a tool is 0 to 9");
                 return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
@@ -355,11 +355,11 @@ pub(crate) fn check_coordinate(value: f64, axis: AxisLetter, line: &Statement) -
     if value.abs() <= MAX_COORDINATE {
         return Ok(());
     }
-    Err(too_far(value, axis, line))
+    Err(position_too_large(value, axis, line))
 }
 
 #[cold]
-fn too_far(value: f64, axis: AxisLetter, line: &Statement) -> Fault {
+fn position_too_large(value: f64, axis: AxisLetter, line: &Statement) -> Fault {
     let letter = axis.letter();
     let message = format!("{letter} would be {value:e} in machine coordinates");
     Fault::new(Code::PositionTooLarge, line.span(letter as u8), message)

@@ -25,9 +25,9 @@ enum SavedLength {
     /// G49.
     Off,
     /// The length of the tool in the spindle by the tool table, for any tool.
-    OfTool,
+    SpindleTool,
     /// Another length, for this tool.
-    Of { tool: u32, offset: Axes },
+    Other { tool: u32, offset: Axes },
 }
 
 impl SavedModes {
@@ -38,10 +38,10 @@ impl SavedModes {
         } = *state;
         let length = if tool_offset == Axes::zeros() {
             SavedLength::Off
-        } else if tool_offset == length_of(tool, tools) {
-            SavedLength::OfTool
+        } else if tool_offset == table_offset(tool, tools) {
+            SavedLength::SpindleTool
         } else {
-            SavedLength::Of {
+            SavedLength::Other {
                 tool,
                 offset: tool_offset,
             }
@@ -56,7 +56,7 @@ impl SavedModes {
 }
 
 /// The offset of a tool in the tool table, as G43 applies it.
-fn length_of(tool: u32, tools: Option<&ToolTable>) -> Axes {
+fn table_offset(tool: u32, tools: Option<&ToolTable>) -> Axes {
     let tool = tools.and_then(|tools| tools.get(tool));
     tool.map_or(Axes::zeros(), |tool| tool.offset)
 }
@@ -66,28 +66,30 @@ impl Executor<'_> {
     ///
     /// As in LinuxCNC, an active length is not replaced by another one: a subroutine may select the length of
     /// its tool.
-    pub(crate) fn restore_saved(&mut self, saved: SavedModes, place: Span) -> Result<(), Fault> {
+    pub(crate) fn restore_saved(&mut self, saved: SavedModes, span: Span) -> Result<(), Fault> {
         let is_on = self.state.cutter.is_on();
         match saved.compensation {
-            Compensation::Off if is_on => self.leave_compensation(),
+            Compensation::Off if is_on => self.end_compensation(),
             Compensation::Off => {}
             _ if is_on => {}
             _ => {
                 let message = "cutter compensation was on when the modes were saved, and G40 was executed \
                                since";
-                return Err(Fault::new(Code::CompensationActive, place, message).help(
+                return Err(Fault::new(Code::CompensationActive, span, message).help(
                     "cutter compensation begins with a lead-in: write G40 before the call, and G41 or G42 \
                      after it",
                 ));
             }
         }
-        let is_applied = self.state.tool_offset != Axes::zeros();
+        let has_length = self.state.tool_offset != Axes::zeros();
         let present = self.state.tool;
         self.state.tool_offset = match saved.length {
             SavedLength::Off => Axes::zeros(),
-            _ if is_applied => self.state.tool_offset,
-            SavedLength::Of { tool, offset } if tool == present => offset,
-            SavedLength::OfTool | SavedLength::Of { .. } => length_of(present, self.tools.as_ref()),
+            _ if has_length => self.state.tool_offset,
+            SavedLength::Other { tool, offset } if tool == present => offset,
+            SavedLength::SpindleTool | SavedLength::Other { .. } => {
+                table_offset(present, self.tools.as_ref())
+            }
         };
         self.restore(saved.modes);
         if saved.is_offset_active == (self.parameters.numbered(G92_ACTIVE) != 0.0) {
@@ -107,7 +109,7 @@ impl Executor<'_> {
         // As in LinuxCNC only spindle 0 is saved.
         saved.spindles[1..].copy_from_slice(&before.spindles[1..]);
         saved.active_spindle = before.active_spindle;
-        // Spindles are not turned to their angles again.
+        // Spindles are not oriented again.
         saved.spindles[0].orientation = before.spindles[0].orientation;
         self.state.modes = saved;
         if saved.work_index != before.work_index {
@@ -115,14 +117,14 @@ impl Executor<'_> {
                 .set_numbered(WORK_OFFSET, (saved.work_index + 1) as f64);
             self.state.load_work(self.parameters);
         }
-        let (now, was) = (&saved.spindles[0], &before.spindles[0]);
-        if (now.direction, now.speed) != (was.direction, was.speed) {
-            self.spindle(0);
+        let (new, old) = (&saved.spindles[0], &before.spindles[0]);
+        if (new.direction, new.speed) != (old.direction, old.speed) {
+            self.emit_spindle(0);
         }
         if (saved.mist, saved.flood) != (before.mist, before.flood) {
-            self.coolant();
+            self.emit_coolant();
         }
-        let switches = |modes: &Modes| {
+        let overrides = |modes: &Modes| {
             (
                 modes.feed_override,
                 modes.spindle_override,
@@ -130,8 +132,8 @@ impl Executor<'_> {
                 modes.feed_stop,
             )
         };
-        if switches(&saved) != switches(&before) {
-            self.put_overrides(None);
+        if overrides(&saved) != overrides(&before) {
+            self.emit_overrides(None);
         }
     }
 }

@@ -20,7 +20,7 @@ const MAX_POINTS: usize = 100_000;
 const MAX_ORDER: u32 = 10;
 
 /// Maximum number of bisections of a span of a NURBS.
-const MAX_HALVINGS: u32 = 16;
+const MAX_BISECTIONS: u32 = 16;
 
 type Point = [f64; 2];
 
@@ -30,7 +30,7 @@ impl Executor<'_> {
             return Err(self.wrong_plane(name));
         }
         self.check_uncompensated(name)?;
-        self.no_axes_but(b"XY@^", name)?;
+        self.allow_only_axes(b"XY@^", name)?;
         self.check_feed(name)
     }
 
@@ -48,8 +48,8 @@ impl Executor<'_> {
     fn ends(&self) -> Result<(Axes, Axes), Fault> {
         let target = self.target()?;
         Ok((
-            self.state.program_of(self.state.position),
-            self.state.program_of(target),
+            self.state.machine_to_program(self.state.position),
+            self.state.machine_to_program(target),
         ))
     }
 
@@ -95,11 +95,11 @@ impl Executor<'_> {
         }
         let (start, end) = self.ends()?;
         let middle = [start[0] + i, start[1] + j];
-        let mix = |a: Point, b: f64, c: f64| [(b + 2.0 * a[0]) / 3.0, (c + 2.0 * a[1]) / 3.0];
+        let elevate = |a: Point, b: f64, c: f64| [(b + 2.0 * a[0]) / 3.0, (c + 2.0 * a[1]) / 3.0];
         self.bezier([
             [start[0], start[1]],
-            mix(middle, start[0], start[1]),
-            mix(middle, end[0], end[1]),
+            elevate(middle, start[0], start[1]),
+            elevate(middle, end[0], end[1]),
             [end[0], end[1]],
         ])
     }
@@ -125,7 +125,7 @@ impl Executor<'_> {
         // A polynomial of degree three is its own quintic; it is divided only where it is stationary.
         let mut pieces = Vec::new();
         self.approximate(&at, 0.0, 1.0, 0, &mut pieces)?;
-        self.put_pieces(&pieces)
+        self.emit_pieces(&pieces)
     }
 
     /// G5.2: a control point with its weight P; the first one with the order L.
@@ -139,16 +139,16 @@ impl Executor<'_> {
                 .help("write the control points of a NURBS with X and Y"));
         }
         if self.state.nurbs_order.is_none() {
-            let order = line.whole(b'L')?.unwrap_or(3);
+            let order = line.integer(b'L')?.unwrap_or(3);
             if !(2..=MAX_ORDER).contains(&order) {
                 let message = format!("L{order}: the order of a NURBS is 2 to {MAX_ORDER}");
                 return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
             }
             self.state.nurbs_order = Some(order as usize);
-            let here = self.state.program_of(self.state.position);
+            let position = self.state.machine_to_program(self.state.position);
             let weight = self.weight()?;
             self.control_points.clear();
-            self.control_points.push([here[0], here[1], weight]);
+            self.control_points.push([position[0], position[1], weight]);
         } else if line.has(b'L') {
             let message = "L must be on the first line of a NURBS";
             return Err(Fault::new(Code::UnusedWord, line.span(b'L'), message));
@@ -156,7 +156,7 @@ impl Executor<'_> {
         if line.has_axes() {
             let weight = self.weight()?;
             // Missing words keep the last control point; increments are from the start, as in LinuxCNC.
-            let start = self.state.program_of(self.state.position);
+            let start = self.state.machine_to_program(self.state.position);
             let mut point = match self.control_points.last() {
                 Some(last) => [last[0], last[1]],
                 None => [start[0], start[1]],
@@ -216,7 +216,7 @@ impl Executor<'_> {
         for span in 0..spans {
             self.approximate(&at, span as f64, (span + 1) as f64, 0, &mut pieces)?;
         }
-        self.put_pieces(&pieces)?;
+        self.emit_pieces(&pieces)?;
         // The memory is reused by the next NURBS.
         *self.control_points = points;
         self.control_points.clear();
@@ -230,20 +230,18 @@ impl Executor<'_> {
         at: &impl Fn(f64) -> [Point; 3],
         from: f64,
         to: f64,
-        halvings: u32,
+        bisections: u32,
         pieces: &mut Vec<Curve>,
     ) -> Result<(), Fault> {
-        let (left, right) = (at(from), at(to));
+        let (start_derivatives, end_derivatives) = (at(from), at(to));
         let middle = at(0.5 * (from + to));
         let distance = |a: Point, b: Point| libm::hypot(b[0] - a[0], b[1] - a[1]);
-        let mut size = distance(left[0], middle[0]) + distance(middle[0], right[0]);
-        if halvings == 0 && size <= TOLERANCE_MM {
+        let mut size = distance(start_derivatives[0], middle[0]) + distance(middle[0], end_derivatives[0]);
+        if bisections == 0 && size <= TOLERANCE_MM {
             // A curve may pass its start in the middle. One of degree nine at most whose samples are all
             // equal is a single point.
-            let at_part = |part: u32| at(from + (to - from) * f64::from(part) / 16.0)[0];
-            size = (0..16)
-                .map(|part| distance(at_part(part), at_part(part + 1)))
-                .sum();
+            let sample = |part: u32| at(from + (to - from) * f64::from(part) / 16.0)[0];
+            size = (0..16).map(|part| distance(sample(part), sample(part + 1))).sum();
         }
         if size <= 0.0 {
             return Ok(());
@@ -252,66 +250,66 @@ impl Executor<'_> {
         let width = to - from;
         let speed = |jet: &[Point; 3]| libm::hypot(jet[1][0], jet[1][1]) * width;
         // A curve that is almost stationary at an end has no direction there for the planner.
-        let stands = speed(&left).min(speed(&right)) < 1e-3 * size;
-        let close = |blend: &Blend| {
+        let is_stationary = speed(&start_derivatives).min(speed(&end_derivatives)) < 1e-3 * size;
+        let is_within_tolerance = |blend: &Blend| {
             [0.125, 0.25, 0.5, 0.75, 0.875].iter().all(|x| {
-                let wanted = self.lift(at(from + x * width)[0], &start);
-                let found = Curve::Blend(*blend).position(x * size);
-                (found - wanted).norm() <= TOLERANCE_MM
+                let expected = self.machine_point(at(from + x * width)[0], &start);
+                let actual = Curve::Blend(*blend).position(x * size);
+                (actual - expected).norm() <= TOLERANCE_MM
             })
         };
-        let blend = (!stands)
+        let blend = (!is_stationary)
             .then(|| {
                 Blend::hermite(
-                    &self.jet(&left, &start, width / size, Some(start)),
-                    &self.jet(&right, &start, width / size, None),
+                    &self.jet(&start_derivatives, &start, width / size, Some(start)),
+                    &self.jet(&end_derivatives, &start, width / size, None),
                     size,
                 )
                 .ok()
             })
             .flatten()
-            .filter(close);
+            .filter(is_within_tolerance);
         if let Some(blend) = blend {
             pieces.push(Curve::Blend(blend));
             return Ok(());
         }
-        if halvings >= MAX_HALVINGS || size <= TOLERANCE_MM {
+        if bisections >= MAX_BISECTIONS || size <= TOLERANCE_MM {
             // So short that a line is equivalent.
-            let line = Line::new(start, self.lift(right[0], &start));
+            let line = Line::new(start, self.machine_point(end_derivatives[0], &start));
             pieces.extend(line.ok().map(Curve::Line));
             return Ok(());
         }
-        let between = 0.5 * (from + to);
-        self.approximate(at, from, between, halvings + 1, pieces)?;
-        self.approximate(at, between, to, halvings + 1, pieces)
+        let middle_parameter = 0.5 * (from + to);
+        self.approximate(at, from, middle_parameter, bisections + 1, pieces)?;
+        self.approximate(at, middle_parameter, to, bisections + 1, pieces)
     }
 
     /// A point of the plane in machine coordinates; the other axes do not move.
-    fn lift(&self, point: Point, rest: &Axes) -> Axes {
-        let mut program = self.state.program_of(*rest);
+    fn machine_point(&self, point: Point, other_axes: &Axes) -> Axes {
+        let mut program = self.state.machine_to_program(*other_axes);
         (program[0], program[1]) = (point[0], point[1]);
-        let mut machine = self.state.machine_of(program);
+        let mut machine = self.state.program_to_machine(program);
         for axis in 2..machine.len() {
-            machine[axis] = rest[axis];
+            machine[axis] = other_axes[axis];
         }
         machine
     }
 
-    fn jet(&self, jet: &[Point; 3], rest: &Axes, scale: f64, exactly: Option<Axes>) -> Jet {
+    fn jet(&self, jet: &[Point; 3], other_axes: &Axes, scale: f64, exact_position: Option<Axes>) -> Jet {
         let vector = |value: Point, scale: f64| {
             let mut axes = Axes::zeros();
             (axes[0], axes[1]) = (value[0] * scale, value[1] * scale);
-            self.state.turn(axes)
+            self.state.rotate(axes)
         };
         Jet {
-            position: exactly.unwrap_or_else(|| self.lift(jet[0], rest)),
+            position: exact_position.unwrap_or_else(|| self.machine_point(jet[0], other_axes)),
             first: vector(jet[1], scale),
             second: vector(jet[2], scale * scale),
             third: Axes::zeros(),
         }
     }
 
-    pub(crate) fn put_pieces(&mut self, pieces: &[Curve]) -> Result<(), Fault> {
+    pub(crate) fn emit_pieces(&mut self, pieces: &[Curve]) -> Result<(), Fault> {
         let length: f64 = pieces.iter().map(Curve::length).sum();
         let feed = self.speed(length, false);
         let path_mode = self.state.modes.path_mode;
@@ -319,7 +317,7 @@ impl Executor<'_> {
             for axis in evolvent_path::AxisLetter::ALL {
                 crate::execution::offsets::check_coordinate(piece.end()[axis.index()], axis, self.line)?;
             }
-            self.put_curve(*piece, MoveKind::Feed, feed, path_mode)?;
+            self.emit_curve(*piece, MoveKind::Feed, feed, path_mode)?;
         }
         Ok(())
     }
@@ -341,31 +339,31 @@ fn rational(points: &[[f64; 3]], order: usize, knot: &impl Fn(usize) -> f64, u: 
         if derivative > degree {
             break;
         }
-        let left = degree - derivative;
-        let mut work = local;
+        let remaining = degree - derivative;
+        let mut triangle = local;
         // De Boor's triangle over the remaining points.
-        for level in 1..=left {
-            for place in (level..=left).rev() {
-                let index = span - left + place;
-                let (low, high) = (knot(index), knot(index + left - level + 1));
-                let share = if high > low { (u - low) / (high - low) } else { 0.0 };
+        for level in 1..=remaining {
+            for row in (level..=remaining).rev() {
+                let index = span - remaining + row;
+                let (low, high) = (knot(index), knot(index + remaining - level + 1));
+                let fraction = if high > low { (u - low) / (high - low) } else { 0.0 };
                 for k in 0..3 {
-                    work[place][k] = (1.0 - share) * work[place - 1][k] + share * work[place][k];
+                    triangle[row][k] = (1.0 - fraction) * triangle[row - 1][k] + fraction * triangle[row][k];
                 }
             }
         }
-        *value = work[left];
+        *value = triangle[remaining];
         // The differences for the next derivative.
-        for place in 0..left {
-            let index = span - left + place + 1;
-            let (low, high) = (knot(index), knot(index + left));
+        for row in 0..remaining {
+            let index = span - remaining + row + 1;
+            let (low, high) = (knot(index), knot(index + remaining));
             let factor = if high > low {
-                left as f64 / (high - low)
+                remaining as f64 / (high - low)
             } else {
                 0.0
             };
             for k in 0..3 {
-                local[place][k] = factor * (local[place + 1][k] - local[place][k]);
+                local[row][k] = factor * (local[row + 1][k] - local[row][k]);
             }
         }
     }
@@ -398,12 +396,12 @@ mod tests {
     fn a_rational_quadratic_reproduces_the_circle() {
         for step in 0..=20 {
             let u = f64::from(step) / 20.0;
-            let [place, first, second] = rational(&QUARTER, 3, &knots(3, 1), u);
-            assert!((libm::hypot(place[0], place[1]) - 1.0).abs() < 1e-14);
+            let [position, first, second] = rational(&QUARTER, 3, &knots(3, 1), u);
+            assert!((libm::hypot(position[0], position[1]) - 1.0).abs() < 1e-14);
             // x x' + y y' = 0, and differentiated: x'^2 + y'^2 + x x'' + y y'' = 0.
-            assert!((place[0] * first[0] + place[1] * first[1]).abs() < 1e-13);
+            assert!((position[0] * first[0] + position[1] * first[1]).abs() < 1e-13);
             let speed = first[0] * first[0] + first[1] * first[1];
-            assert!((speed + place[0] * second[0] + place[1] * second[1]).abs() < 1e-12);
+            assert!((speed + position[0] * second[0] + position[1] * second[1]).abs() < 1e-12);
         }
     }
 
@@ -425,14 +423,14 @@ mod tests {
                     continue;
                 }
                 for k in 0..2 {
-                    let slope = (at(u + h)[0][k] - at(u - h)[0][k]) / (2.0 * h);
+                    let first_derivative = (at(u + h)[0][k] - at(u - h)[0][k]) / (2.0 * h);
                     assert!(
-                        (slope - at(u)[1][k]).abs() < 1e-6 * (1.0 + slope.abs()),
+                        (first_derivative - at(u)[1][k]).abs() < 1e-6 * (1.0 + first_derivative.abs()),
                         "order {order} u {u}"
                     );
-                    let bend = (at(u + h)[1][k] - at(u - h)[1][k]) / (2.0 * h);
+                    let second_derivative = (at(u + h)[1][k] - at(u - h)[1][k]) / (2.0 * h);
                     assert!(
-                        (bend - at(u)[2][k]).abs() < 1e-5 * (1.0 + bend.abs()),
+                        (second_derivative - at(u)[2][k]).abs() < 1e-5 * (1.0 + second_derivative.abs()),
                         "order {order} u {u}"
                     );
                 }

@@ -15,14 +15,14 @@ impl Executor<'_> {
         let (state, line) = (&*self.state, self.line);
         let from = state.programmed();
         let mut target = from;
-        if line.once() == Some(NonModal::MachineCoordinates) {
+        if line.non_modal() == Some(NonModal::MachineCoordinates) {
             for index in 0..AxisLetter::ALL.len() {
                 if let Some(value) = line.axis(index) {
                     target[index] = value * state.word_unit(index);
                 }
             }
         } else if state.rotation[0] == 0.0 && !line.has_polar() {
-            let zero = state.machine_of(Axes::zeros());
+            let zero = state.program_to_machine(Axes::zeros());
             for index in 0..AxisLetter::ALL.len() {
                 if let Some(value) = line.axis(index) {
                     let base = if state.modes.incremental {
@@ -34,7 +34,7 @@ impl Executor<'_> {
                 }
             }
         } else {
-            let mut program = state.program_of(from);
+            let mut program = state.machine_to_program(from);
             let incremental = state.modes.incremental;
             for index in 0..AxisLetter::ALL.len() {
                 if let Some(value) = line.axis(index) {
@@ -45,10 +45,10 @@ impl Executor<'_> {
             if line.has_polar() {
                 self.polar(&mut program)?;
             }
-            target = state.machine_of(program);
-            let level = line.has(b'X') || line.has(b'Y') || line.has_polar();
+            target = state.program_to_machine(program);
+            let names_xy = line.has(b'X') || line.has(b'Y') || line.has_polar();
             for index in 0..AxisLetter::ALL.len() {
-                if line.axis(index).is_none() && !(index < 2 && level) {
+                if line.axis(index).is_none() && !(index < 2 && names_xy) {
                     target[index] = from[index];
                 }
             }
@@ -73,12 +73,16 @@ impl Executor<'_> {
     fn pending_cancel(&self) -> Option<Axes> {
         let (state, line) = (&*self.state, self.line);
         let programmed = state.cutter.programmed.filter(|_| !state.cutter.is_on())?;
-        let is_level = line.has_polar() || state.plane_axes().iter().any(|index| line.axis(*index).is_some());
-        (!is_level).then_some(programmed)
+        let names_plane_axis =
+            line.has_polar() || state.plane_axes().iter().any(|index| line.axis(*index).is_some());
+        (!names_plane_axis).then_some(programmed)
     }
 
-    /// Moves that leave a pending position in the plane as it is.
-    fn without_cancel(&mut self, moves: impl FnOnce(&mut Self) -> Result<(), Fault>) -> Result<(), Fault> {
+    /// Executes moves, and keeps the position in the plane that is pending after G40.
+    fn keep_pending_cancel(
+        &mut self,
+        moves: impl FnOnce(&mut Self) -> Result<(), Fault>,
+    ) -> Result<(), Fault> {
         let Some(mut pending) = self.pending_cancel() else {
             return moves(self);
         };
@@ -91,14 +95,14 @@ impl Executor<'_> {
                 pending[index] = self.state.position[index];
             }
         }
-        (self.state.cutter.programmed, self.state.cutter.is_due) = (Some(pending), true);
+        (self.state.cutter.programmed, self.state.cutter.return_pending) = (Some(pending), true);
         Ok(())
     }
 
     /// `@` is the distance from the program zero, `^` the angle from X in degrees.
     pub(crate) fn polar(&self, program: &mut Axes) -> Result<(), Fault> {
         let line = self.line;
-        let bad = |letter: u8, message: &str| {
+        let fault = |letter: u8, message: &str| {
             let letter = if line.has(letter) {
                 letter
             } else {
@@ -117,17 +121,17 @@ impl Executor<'_> {
                 .help("write G17 before them, or give the end by its axes"));
         }
         if line.has(b'X') || line.has(b'Y') {
-            return bad(b'@', "X and Y cannot be combined with @ and ^");
+            return fault(b'@', "X and Y cannot be combined with @ and ^");
         }
         let (radius, angle) = (
             libm::hypot(program[0], program[1]),
             libm::atan2(program[1], program[0]),
         );
-        let at_zero = program[0] == 0.0 && program[1] == 0.0;
+        let is_at_zero = program[0] == 0.0 && program[1] == 0.0;
         let unit = self.state.unit_mm();
         let incremental = self.state.modes.incremental;
-        if incremental && at_zero {
-            return bad(b'@', "@ and ^ in G91 have no meaning at the program's zero");
+        if incremental && is_at_zero {
+            return fault(b'@', "@ and ^ in G91 have no meaning at the program's zero");
         }
         let radius = match line.word(b'@') {
             Some(value) if incremental => radius + value * unit,
@@ -137,7 +141,7 @@ impl Executor<'_> {
         let angle = match line.word(b'^') {
             Some(value) if incremental => angle + value.to_radians(),
             Some(value) => value.to_radians(),
-            None if at_zero => return bad(b'@', "@ without ^ has no meaning at the program's zero"),
+            None if is_at_zero => return fault(b'@', "@ without ^ has no meaning at the program's zero"),
             None => angle,
         };
         program[0] = radius * libm::cos(angle);
@@ -148,7 +152,7 @@ impl Executor<'_> {
     /// G0, G1.
     pub(crate) fn straight(&mut self, motion: Motion) -> Result<(), Fault> {
         let line = self.line;
-        if line.once() == Some(NonModal::MachineCoordinates) && self.state.modes.incremental {
+        if line.non_modal() == Some(NonModal::MachineCoordinates) && self.state.modes.incremental {
             let span = line.group_span(Group::NonModal);
             return Err(Fault::new(
                 Code::MachineCoordinatesIncremental,
@@ -171,18 +175,18 @@ impl Executor<'_> {
         if self.state.cutter.is_on() {
             return self.compensated_line(target, kind);
         }
-        self.without_cancel(|this| this.put_line(target, kind))
+        self.keep_pending_cancel(|this| this.emit_line(target, kind))
     }
 
     /// A straight move from the present position.
     #[inline]
-    pub(crate) fn put_line(&mut self, target: Axes, kind: MoveKind) -> Result<(), Fault> {
+    pub(crate) fn emit_line(&mut self, target: Axes, kind: MoveKind) -> Result<(), Fault> {
         let path_mode = self.state.modes.path_mode;
-        self.put_line_in(target, kind, path_mode)
+        self.emit_line_in_mode(target, kind, path_mode)
     }
 
     #[inline]
-    pub(crate) fn put_line_in(
+    pub(crate) fn emit_line_in_mode(
         &mut self,
         target: Axes,
         kind: MoveKind,
@@ -197,7 +201,7 @@ impl Executor<'_> {
         let line = Line::new(self.state.position, target)
             .map_err(|error| Fault::new(Code::LineRefused, self.line.motion_span(), error.to_string()))?;
         let length = line.length();
-        let rotary = self.only_rotary(&target);
+        let rotary = self.moves_only_rotary(&target);
         let feed = match kind {
             MoveKind::Rapid => f64::INFINITY,
             MoveKind::Feed => {
@@ -216,7 +220,7 @@ impl Executor<'_> {
         if !self.state.cutter.is_on() {
             self.state.cutter.programmed = None;
         }
-        self.out.push_back(CanonicalCommand {
+        self.commands.push_back(CanonicalCommand {
             line: self.number,
             action: Action::Move(Move {
                 curve: Curve::Line(line),
@@ -240,14 +244,16 @@ impl Executor<'_> {
             .map_err(|error| Fault::new(Code::LineRefused, self.line.motion_span(), error.to_string()))
     }
 
-    fn only_rotary(&self, target: &Axes) -> bool {
-        let still = |axis: &AxisLetter| target[axis.index()] == self.state.position[axis.index()];
-        AxisLetter::ALL.iter().all(|axis| axis.is_rotary() || still(axis))
+    fn moves_only_rotary(&self, target: &Axes) -> bool {
+        let is_unmoved = |axis: &AxisLetter| target[axis.index()] == self.state.position[axis.index()];
+        AxisLetter::ALL
+            .iter()
+            .all(|axis| axis.is_rotary() || is_unmoved(axis))
     }
 
     /// Outputs a move.
     #[inline]
-    pub(crate) fn put_curve(
+    pub(crate) fn emit_curve(
         &mut self,
         curve: Curve,
         kind: MoveKind,
@@ -261,7 +267,7 @@ impl Executor<'_> {
             // After G40 the tool has returned to the programmed path.
             self.state.cutter.programmed = None;
         }
-        self.out.push_back(CanonicalCommand {
+        self.commands.push_back(CanonicalCommand {
             line: self.number,
             action: Action::Move(Move {
                 curve,
@@ -282,10 +288,10 @@ impl Executor<'_> {
     /// into memory.
     #[inline]
     fn check_move(&self, length: f64, feed: f64) -> Result<(), Fault> {
-        if length > 0.0 && feed > 0.0 && self.out.len() < MAX_HELD_COMMANDS {
+        if length > 0.0 && feed > 0.0 && self.commands.len() < MAX_HELD_COMMANDS {
             return Ok(());
         }
-        if self.out.len() >= MAX_HELD_COMMANDS {
+        if self.commands.len() >= MAX_HELD_COMMANDS {
             let message = format!(
                 "more than {MAX_HELD_COMMANDS} commands from one line, or waiting for cutter compensation"
             );
@@ -377,34 +383,34 @@ impl Executor<'_> {
     /// there, else only those named.
     pub(crate) fn home(&mut self, first: usize) -> Result<(), Fault> {
         if !self.line.has_axes() {
-            return self.go_home(first);
+            return self.move_to_reference(first);
         }
-        self.without_cancel(|this| this.go_home(first))
+        self.keep_pending_cancel(|this| this.move_to_reference(first))
     }
 
-    fn go_home(&mut self, first: usize) -> Result<(), Fault> {
+    fn move_to_reference(&mut self, first: usize) -> Result<(), Fault> {
         let line = self.line;
         let stored = self.parameters.axes(first);
-        let mut place = stored;
+        let mut end = stored;
         if line.has_axes() {
-            let between = self.target()?;
-            self.put_line(between, MoveKind::Rapid)?;
+            let intermediate = self.target()?;
+            self.emit_line(intermediate, MoveKind::Rapid)?;
             for index in 0..AxisLetter::ALL.len() {
                 if line.axis(index).is_none() {
-                    place[index] = self.state.position[index];
+                    end[index] = self.state.position[index];
                 }
             }
         }
         for axis in AxisLetter::ALL {
             if !self.settings.axes[axis.index()] {
-                place[axis.index()] = self.state.position[axis.index()];
+                end[axis.index()] = self.state.position[axis.index()];
             }
             if self.state.unlimited[axis.index()] {
-                place[axis.index()] = turn_shorter(self.state.position[axis.index()], place[axis.index()]);
+                end[axis.index()] = turn_shorter(self.state.position[axis.index()], end[axis.index()]);
             }
-            check_coordinate(place[axis.index()], axis, line)?;
+            check_coordinate(end[axis.index()], axis, line)?;
         }
-        self.put_line(place, MoveKind::Rapid)
+        self.emit_line(end, MoveKind::Rapid)
     }
 
     /// Checks that the spindle rotates, and returns the pitch K in mm.
@@ -420,7 +426,7 @@ impl Executor<'_> {
         }
         let spindles = &self.state.modes.spindles;
         let number = self.state.modes.active_spindle;
-        if !spindles[number].turns() {
+        if !spindles[number].is_rotating() {
             let message = if self
                 .settings
                 .features
@@ -434,7 +440,7 @@ impl Executor<'_> {
             } else {
                 format!("{name}, but the spindle does not turn")
             };
-            let help = match spindles.iter().position(|spindle| spindle.turns()) {
+            let help = match spindles.iter().position(|spindle| spindle.is_rotating()) {
                 Some(other) => format!("spindle {other} turns: write ${other} to follow it"),
                 None => "write S and M3 or M4 first".to_owned(),
             };
@@ -456,10 +462,10 @@ impl Executor<'_> {
             return Err(Fault::new(Code::OutOfRange, self.line.span(b'Q'), message));
         }
         let target = self.target()?;
-        self.put_thread(target, pitch_mm, start_degrees, None)
+        self.emit_thread(target, pitch_mm, start_degrees, None)
     }
 
-    pub(crate) fn put_thread(
+    pub(crate) fn emit_thread(
         &mut self,
         target: Axes,
         pitch_mm: f64,
@@ -472,7 +478,7 @@ impl Executor<'_> {
         let curve = self.line_to(target)?;
         let path_mode = self.state.modes.path_mode;
         self.state.position = target;
-        self.out(Action::Thread {
+        self.emit(Action::Thread {
             spindle: self.state.modes.active_spindle as u32,
             curve,
             pitch_mm,
@@ -501,7 +507,7 @@ impl Executor<'_> {
             return Ok(());
         }
         let curve = self.line_to(target)?;
-        self.out(Action::RigidTap {
+        self.emit(Action::RigidTap {
             spindle: self.state.modes.active_spindle as u32,
             curve,
             pitch_mm,
@@ -535,10 +541,10 @@ impl Executor<'_> {
             return Err(Fault::new(Code::OutOfRange, line.motion_span(), message));
         }
         let curve = self.line_to(target)?;
-        let feed = self.speed(curve.length(), self.only_rotary(&target));
+        let feed = self.speed(curve.length(), self.moves_only_rotary(&target));
         self.state.position = target;
         self.state.is_probed = true;
-        self.out(Action::Probe {
+        self.emit(Action::Probe {
             curve,
             feed_mm_s: feed,
             toward,

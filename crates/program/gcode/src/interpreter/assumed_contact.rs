@@ -7,7 +7,7 @@ use evolvent_path::AXES;
 use crate::codes::modal_groups::{Group, MCode, Motion, NonModal};
 use crate::interpreter::Interpreter;
 use crate::interpreter::error_history::MAX_REPEATED_ERRORS;
-use crate::interpreter::o_words::Open;
+use crate::interpreter::o_words::OpenBlock;
 use crate::parameters::assumption::Assumption;
 use crate::parameters::values::{PROBE_TRIPPED, PROBED};
 use crate::state::scope::Scope;
@@ -18,7 +18,7 @@ use crate::{Action, CanonicalCommand, Diagnostic};
 
 impl<R: BufRead> Interpreter<R> {
     /// The axes along which the line read last moves from or to a position that depends on a probing move
-    /// without an answer ([`Settings::probes_succeed`](crate::Settings::probes_succeed)).
+    /// without a result ([`Settings::probes_succeed`](crate::Settings::probes_succeed)).
     #[must_use]
     pub fn assumed_axes(&self) -> [bool; AXES] {
         match &self.parameters.assumption {
@@ -29,7 +29,7 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Called before a line: records whether it is in a branch that depends on the result.
     #[cold]
-    pub(super) fn begin_assumed_line(&mut self) {
+    pub(super) fn begin_line_with_assumption(&mut self) {
         let Some(assumption) = &mut self.parameters.assumption else {
             return;
         };
@@ -37,21 +37,21 @@ impl<R: BufRead> Interpreter<R> {
         let Some(frame) = self.flow.frames.last_mut() else {
             return;
         };
-        frame.assumed_from = frame.assumed_from.filter(|from| *from <= frame.open.len());
-        frame.exit_from = frame.exit_from.filter(|from| *from <= frame.open.len());
+        frame.assumed_from = frame.assumed_from.filter(|from| *from <= frame.open_blocks.len());
+        frame.exit_from = frame.exit_from.filter(|from| *from <= frame.open_blocks.len());
         assumption.is_in_branch = frame.assumed_from.is_some();
     }
 
     /// Whether the present line has read a value that depends on the result.
     pub(super) fn reads_assumed(&self) -> bool {
         let assumption = self.parameters.assumption.as_ref();
-        assumption.is_some_and(|assumption| assumption.is_read())
+        assumption.is_some_and(|assumption| assumption.values_depend())
     }
 
     /// Records a line that is skipped because of the result. With another result it might leave the
     /// subroutine or a loop, and then the lines after it would not be executed.
     #[cold]
-    pub(super) fn note_skipped_exit(&mut self, word: Option<&OWord>) {
+    pub(super) fn record_skipped_exit(&mut self, word: Option<&OWord>) {
         let leaves_subroutine = self.flow.frames.len() > 1
             && match word {
                 Some(word) => word.keyword == Keyword::Return,
@@ -61,15 +61,19 @@ impl<R: BufRead> Interpreter<R> {
             _ if leaves_subroutine => Some(0),
             Some(word) if matches!(word.keyword, Keyword::Break | Keyword::Continue) => {
                 let Ok(name) = self.label(word) else { return };
-                let is_loop = |open: &Open| open.is_loop() && open.name() == name;
-                self.frame().open.iter().rposition(is_loop).map(|at| at + 1)
+                let is_loop = |open: &OpenBlock| open.is_loop() && open.name() == name;
+                self.frame()
+                    .open_blocks
+                    .iter()
+                    .rposition(is_loop)
+                    .map(|index| index + 1)
             }
             _ => None,
         };
         let frame = self.frame();
         frame.exit_from = match (frame.exit_from, from) {
-            (Some(before), Some(from)) => Some(before.min(from)),
-            (before, from) => before.or(from),
+            (Some(outer), Some(from)) => Some(outer.min(from)),
+            (outer, from) => outer.or(from),
         };
     }
 
@@ -94,20 +98,20 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// Called after a condition: its branch depends on the result if the condition has read it.
-    pub(super) fn follow_condition(&mut self) {
+    pub(super) fn record_condition(&mut self) {
         let Some(assumption) = &mut self.parameters.assumption else {
             return;
         };
-        if !assumption.is_read() {
+        if !assumption.values_depend() {
             return;
         }
         if let Some(frame) = self.flow.frames.last_mut() {
-            frame.assumed_from.get_or_insert(frame.open.len());
+            frame.assumed_from.get_or_insert(frame.open_blocks.len());
         }
     }
 
     /// Whether lines of a subroutine that is called here depend on the result.
-    pub(super) fn calls_in_branch(&self) -> Option<usize> {
+    pub(super) fn inherited_assumption(&self) -> Option<usize> {
         let assumption = self.parameters.assumption.as_ref()?;
         assumption.is_in_branch.then_some(0)
     }
@@ -115,7 +119,7 @@ impl<R: BufRead> Interpreter<R> {
     /// Whether the present line ends the program only with the assumed contact. The lines after it are then
     /// executed as if it had not been reached.
     #[inline]
-    pub(super) fn passes_end(&self) -> bool {
+    pub(super) fn skips_end(&self) -> bool {
         let Some(assumption) = &self.parameters.assumption else {
             return false;
         };
@@ -123,30 +127,30 @@ impl<R: BufRead> Interpreter<R> {
             assumption.is_in_branch || self.flow.frames.iter().any(|frame| frame.exit_from.is_some());
         is_uncertain
             && matches!(self.current.statement.m(Group::Stop), Some(MCode::End(_)))
-            && assumption.passed_again < MAX_REPEATED_ERRORS
+            && assumption.repeated_skips < MAX_REPEATED_ERRORS
     }
 
     /// Warns of such a line, once per loop or subroutine.
     #[cold]
-    pub(super) fn warn_of_passed_end(&mut self) {
+    pub(super) fn warn_of_skipped_end(&mut self) {
         let file = self.origin().map(|origin| origin.file);
-        let place = (file, self.current.number);
+        let location = (file, self.current.number);
         let Some(assumption) = &mut self.parameters.assumption else {
             return;
         };
-        if assumption.passed_ends.insert(place) {
+        if assumption.skipped_ends.insert(location) {
             self.warn(
                 "no contact is known: the program ends here; the lines after it are checked as if it \
                  continued"
                     .to_owned(),
             );
         } else {
-            assumption.passed_again += 1;
+            assumption.repeated_skips += 1;
         }
     }
 
     /// Called after an executed line: records which values it leaves unknown, and which are known again.
-    pub(super) fn follow_assumption(&mut self) {
+    pub(super) fn update_assumption(&mut self) {
         let line = &self.current.statement;
         if let Some(Motion::Probe { .. }) = line.motion()
             && self.settings.probes_succeed
@@ -159,7 +163,7 @@ impl<R: BufRead> Interpreter<R> {
         };
         let state = &self.state;
         let rotated = state.rotation[0] != 0.0;
-        follow(assumption, line, state.modes.incremental, rotated);
+        update(assumption, line, state.modes.incremental, rotated);
     }
 
     /// The results of the probing move of this line, as if it made contact at its end.
@@ -181,7 +185,7 @@ impl<R: BufRead> Interpreter<R> {
             return;
         };
         let (line, modes) = (&self.current.statement, &self.state.modes);
-        follow(assumption, line, modes.incremental, self.state.rotation[0] != 0.0);
+        update(assumption, line, modes.incremental, self.state.rotation[0] != 0.0);
         let rotated = self.state.rotation[0] != 0.0;
         for axis in 0..AXES {
             let moves =
@@ -193,12 +197,12 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Outputs a warning of the present line.
     pub(crate) fn warn(&mut self, text: String) {
-        let (line, origin) = (self.shown_line(), self.origin());
+        let (line, origin) = (self.program_line(), self.origin());
         self.output.pending.push_back(CanonicalCommand {
             line,
             action: Action::Warning(text),
             origin,
-            calls: self.current.place.calls.clone(),
+            calls: self.current.location.calls.clone(),
             feed_mm_rev: None,
             feed_spindle: 0,
             continues: false,
@@ -221,7 +225,7 @@ impl<R: BufRead> Interpreter<R> {
             .words
             .iter()
             .any(|word| b"XYZABCUVW@^".contains(&word.letter));
-        assumption.excuses(diagnostic.code, plane, has_axes)
+        assumption.explains(diagnostic.code, plane, has_axes)
     }
 
     /// Outputs a warning in place of an error that may be caused by an assumed contact.
@@ -241,18 +245,19 @@ fn without_spaces(code: &[u8]) -> Vec<u8> {
 
 /// The positions and offsets that an executed line leaves unknown.
 #[cold]
-fn follow(assumption: &mut Assumption, line: &Statement, incremental: bool, rotated: bool) {
-    let has_line = assumption.has_line();
-    let once = line.once();
+fn update(assumption: &mut Assumption, line: &Statement, incremental: bool, rotated: bool) {
+    let line_depends = assumption.line_depends();
+    let non_modal = line.non_modal();
     let sets_offset = matches!(
-        once,
+        non_modal,
         Some(NonModal::SetData | NonModal::SetOffset | NonModal::LocalOffset)
     ) || line.length_offset().is_some();
     if sets_offset {
         for axis in 0..AXES {
-            assumption.offset[axis] |= line.axis(axis).is_some() && (has_line || assumption.position[axis]);
+            assumption.offset[axis] |=
+                line.axis(axis).is_some() && (line_depends || assumption.position[axis]);
         }
-        if line.has(b'R') && has_line {
+        if line.has(b'R') && line_depends {
             (assumption.offset[0], assumption.offset[1]) = (true, true);
         }
         if line.motion().is_none() {
@@ -261,7 +266,7 @@ fn follow(assumption: &mut Assumption, line: &Statement, incremental: bool, rota
         }
     }
     let start = assumption.position;
-    match once {
+    match non_modal {
         Some(NonModal::SetHome(_)) => assumption.home |= assumption.position.contains(&true),
         Some(NonModal::Home(_)) => {
             for axis in 0..AXES {
@@ -276,23 +281,23 @@ fn follow(assumption: &mut Assumption, line: &Statement, incremental: bool, rota
         assumption.target = std::array::from_fn(|axis| start[axis] || assumption.position[axis]);
         return;
     };
-    let machine = once == Some(NonModal::MachineCoordinates);
-    let both = line.has(b'X') && line.has(b'Y');
+    let in_machine_coordinates = non_modal == Some(NonModal::MachineCoordinates);
+    let has_both = line.has(b'X') && line.has(b'Y');
     for axis in 0..AXES {
-        let coupled = rotated && axis < 2 && !machine;
-        let offset = !machine
-            && (assumption.offset[axis] || coupled && (assumption.offset[0] || assumption.offset[1]));
+        let is_coupled = rotated && axis < 2 && !in_machine_coordinates;
+        let has_offset = !in_machine_coordinates
+            && (assumption.offset[axis] || is_coupled && (assumption.offset[0] || assumption.offset[1]));
         if line.axis(axis).is_some() {
-            let is_given = !incremental && !offset && (!coupled || both);
-            assumption.position[axis] = has_line || !is_given && (start[axis] || offset);
-        } else if coupled && (line.has(b'X') || line.has(b'Y')) || line.has_polar() && axis < 2 {
-            assumption.position[axis] |= has_line || start[0] || start[1];
+            let is_given = !incremental && !has_offset && (!is_coupled || has_both);
+            assumption.position[axis] = line_depends || !is_given && (start[axis] || has_offset);
+        } else if is_coupled && (line.has(b'X') || line.has(b'Y')) || line.has_polar() && axis < 2 {
+            assumption.position[axis] |= line_depends || start[0] || start[1];
         }
     }
     let end = assumption.position;
-    let plain = matches!(motion, Motion::Rapid | Motion::Linear | Motion::Probe { .. });
+    let is_straight = matches!(motion, Motion::Rapid | Motion::Linear | Motion::Probe { .. });
     assumption.target = std::array::from_fn(|axis| {
-        let plane = has_line && line.has_axes();
-        end[axis] || !plain && (start[axis] || plane || assumption.offset[axis])
+        let uses_plane = line_depends && line.has_axes();
+        end[axis] || !is_straight && (start[axis] || uses_plane || assumption.offset[axis])
     });
 }

@@ -8,14 +8,14 @@ use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
 use crate::interpreter::o_words::{Definition, Frame};
-use crate::interpreter::tool_change::Resumed;
-use crate::parameters::names::{NameId, Normal};
+use crate::interpreter::tool_change::LineContinuation;
+use crate::parameters::names::{NameId, NormalizedName};
 use crate::syntax::block::{Keyword, OWord};
 use crate::syntax::lines::{FileFault, Lines, Subroutine, find_file};
 use crate::syntax::parser::o_word;
 
 /// Maximum number of arguments of a call.
-const ARGUMENTS: usize = 30;
+const MAX_ARGUMENTS: usize = 30;
 
 impl<R: BufRead> Interpreter<R> {
     /// Processes a line of a subroutine that is being collected.
@@ -45,7 +45,7 @@ impl<R: BufRead> Interpreter<R> {
                 self.end_definition();
                 Ok(())
             }
-            Some(word) if word.keyword == Keyword::EndSub => self.wrong_end_of_definition(word),
+            Some(word) if word.keyword == Keyword::EndSub => self.mismatched_end_of_definition(word),
             _ => Ok(()),
         }
     }
@@ -69,9 +69,9 @@ impl<R: BufRead> Interpreter<R> {
 
     pub(crate) fn call(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
         self.values(word)?;
-        if self.flow.arguments.len() > ARGUMENTS {
+        if self.flow.arguments.len() > MAX_ARGUMENTS {
             let message = format!(
-                "a call with {} values; {ARGUMENTS} are possible",
+                "a call with {} values; {MAX_ARGUMENTS} are possible",
                 self.flow.arguments.len()
             );
             return Err(Fault::new(Code::OWord, word.span, message));
@@ -84,7 +84,7 @@ impl<R: BufRead> Interpreter<R> {
         if times == 0 {
             return Ok(());
         }
-        let text = Normal::of_number(number);
+        let text = NormalizedName::of_number(number);
         let Some(label) = self.flow.labels.intern_label(&text) else {
             return Err(Fault::new(
                 Code::BadName,
@@ -107,10 +107,10 @@ impl<R: BufRead> Interpreter<R> {
 
     pub(crate) fn enter(
         &mut self,
-        text: &Normal,
+        text: &NormalizedName,
         name: NameId,
         span: Span,
-        own: bool,
+        has_own_parameters: bool,
         times: u32,
     ) -> Result<(), Fault> {
         if self.flow.frames.len() > self.settings.limits.max_call_depth {
@@ -124,7 +124,7 @@ impl<R: BufRead> Interpreter<R> {
         let found = match self.flow.library.get(name) {
             Some(found) => Some(found.clone()),
             // The mistake is at the start of the subroutine.
-            None if self.flow.refused_subs.contains(&name) => return Ok(()),
+            None if self.flow.rejected_subs.contains(&name) => return Ok(()),
             None => self.load(text, name, span)?,
         };
         let Some(found) = found else {
@@ -134,26 +134,26 @@ impl<R: BufRead> Interpreter<R> {
                  subroutine folder",
             ));
         };
-        if own {
+        if has_own_parameters {
             self.parameters.enter(&self.flow.arguments);
             self.parameters.returned = None;
         }
         let calls = self
             .current
-            .place
+            .location
             .calls
-            .and_from(self.current.place.file.clone(), self.current.number);
-        self.flow.has_moved = true;
-        let assumed_from = self.calls_in_branch();
+            .called_from(self.current.location.file.clone(), self.current.number);
+        self.flow.location_changed = true;
+        let assumed_from = self.inherited_assumption();
         self.flow.frames.push(Frame {
             assumed_from,
             lines: Some(found.lines),
-            at: found.first,
+            next_index: found.first,
             name,
             first: found.first,
             calls,
-            again: times - 1,
-            own_parameters: own,
+            repeats_left: times - 1,
+            has_own_parameters,
             ..Frame::default()
         });
         Ok(())
@@ -161,11 +161,11 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Leaves a subroutine, or starts its next repetition. It is left even if its modes cannot be restored.
     pub(crate) fn return_from(&mut self, value: Option<f64>) -> Result<(), Fault> {
-        if self.frame().again > 0 {
+        if self.frame().repeats_left > 0 {
             let frame = self.frame();
-            frame.again -= 1;
-            frame.at = frame.first;
-            frame.open.clear();
+            frame.repeats_left -= 1;
+            frame.next_index = frame.first;
+            frame.open_blocks.clear();
             frame.exit_from = None;
             return match frame.saved.take() {
                 Some((saved, true)) => self.restore_saved(saved),
@@ -175,8 +175,8 @@ impl<R: BufRead> Interpreter<R> {
         let Some(frame) = self.flow.frames.pop() else {
             return Ok(());
         };
-        self.flow.has_moved = true;
-        if frame.own_parameters {
+        self.flow.location_changed = true;
+        if frame.has_own_parameters {
             self.parameters.leave();
             self.parameters.returned = value;
         }
@@ -184,14 +184,14 @@ impl<R: BufRead> Interpreter<R> {
             Some((saved, true)) => self.restore_saved(saved),
             _ => Ok(()),
         };
-        if let Some(change) = frame.change {
-            self.resumed = Some(Resumed::Changed(change));
+        if let Some(change) = frame.tool_change {
+            self.continuation = Some(LineContinuation::ToolChanged(change));
         }
         restored
     }
 
     /// Searches a subroutine in files, then further on in the program.
-    fn load(&mut self, text: &Normal, name: NameId, span: Span) -> Result<Option<Subroutine>, Fault> {
+    fn load(&mut self, text: &NormalizedName, name: NameId, span: Span) -> Result<Option<Subroutine>, Fault> {
         let max_bytes = self
             .settings
             .limits
@@ -200,7 +200,7 @@ impl<R: BufRead> Interpreter<R> {
         match find_file(text.as_str(), &self.settings.subroutine_folders, max_bytes) {
             Ok(Some(lines)) => {
                 let lines = Shared::new(lines);
-                self.flow.library.note_file(text.as_str(), &lines);
+                self.flow.library.record_file(text.as_str(), &lines);
                 self.index(&lines);
                 if self.flow.library.get(name).is_none() {
                     // A file with a main program: all of it, for M98.
@@ -224,8 +224,8 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Registers the subroutines of a file.
     fn index(&mut self, lines: &Shared<Lines>) {
-        for place in 0..lines.len() {
-            let Some((text, _)) = lines.get(place) else {
+        for index in 0..lines.len() {
+            let Some((text, _)) = lines.get(index) else {
                 continue;
             };
             let Ok(Some(word)) = o_word(text, &self.scope()) else {
@@ -236,7 +236,7 @@ impl<R: BufRead> Interpreter<R> {
             {
                 let subroutine = Subroutine {
                     lines: Shared::clone(lines),
-                    first: place + 1,
+                    first: index + 1,
                 };
                 self.flow.library.insert(name, subroutine);
             }
@@ -245,17 +245,17 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Reads ahead in the program, storing the lines, until the subroutine has been found.
     fn look_ahead(&mut self, name: NameId) -> Result<Option<Subroutine>, Fault> {
-        if self.flow.frames.len() == 1 && !self.flow.on_tape {
-            self.mark();
+        if self.flow.frames.len() == 1 && !self.flow.is_buffered {
+            self.start_buffering();
         }
         let mut found: Option<(Keyword, Lines)> = None;
         // Stored lines that are not executed yet may contain it too.
-        let mut place = self.flow.frames[0].at.min(self.flow.tape.len());
+        let mut index = self.flow.frames[0].next_index.min(self.flow.line_buffer.len());
         let mut text = Vec::new();
         loop {
-            let line = if let Some((kept, line)) = self.flow.tape.get(place) {
+            let line = if let Some((stored, line)) = self.flow.line_buffer.get(index) {
                 text.clear();
-                text.extend_from_slice(kept);
+                text.extend_from_slice(stored);
                 line
             } else {
                 if !matches!(self.reader.read_into(&mut text), Ok(true)) {
@@ -263,13 +263,13 @@ impl<R: BufRead> Interpreter<R> {
                     break;
                 }
                 let line = self.reader.line();
-                self.flow.tape.push(line, &text);
-                if self.flow.tape.size() > self.settings.limits.max_body_bytes {
+                self.flow.line_buffer.push(line, &text);
+                if self.flow.line_buffer.size() > self.settings.limits.max_body_bytes {
                     return Err(self.body_too_long());
                 }
                 line
             };
-            place += 1;
+            index += 1;
             let word = o_word(&text, &self.scope()).unwrap_or_default();
             let label = match &word {
                 Some(word) => self.label(word).ok(),

@@ -10,7 +10,7 @@ use crate::diagnostics::diagnostic::Fault;
 use crate::execution::cycles::profile::Corner;
 use crate::execution::cycles::roughing::{RoughCall, profile_of};
 use crate::interpreter::Interpreter;
-use crate::parameters::names::Normal;
+use crate::parameters::names::NormalizedName;
 use crate::state::machine_state::{ProgrammedFeed, State};
 use crate::syntax::statement::Statement;
 
@@ -19,7 +19,7 @@ use crate::syntax::statement::Statement;
 pub(crate) struct Capture {
     call: RoughCall,
     /// Number of frames before the subroutine.
-    depth: usize,
+    call_depth: usize,
     /// Index of its first command.
     first: usize,
     /// The state that it must leave unchanged.
@@ -29,8 +29,8 @@ pub(crate) struct Capture {
     text: Vec<u8>,
     line: u32,
     number: u32,
-    /// Whether the approach to the profile has been seen.
-    led: bool,
+    /// Whether the approach to the profile has been executed.
+    has_approach: bool,
     /// Fillet or chamfer of the present line.
     corner: Option<Corner>,
     /// Fillets and chamfers of the commands.
@@ -46,8 +46,8 @@ impl<R: BufRead> Interpreter<R> {
             return Err(Fault::new(Code::ProfileRefused, span, message)
                 .help("a profile must contain only G0, G1, G2 and G3"));
         }
-        let depth = self.flow.frames.len();
-        let text = Normal::of_number(call.number);
+        let call_depth = self.flow.frames.len();
+        let text = NormalizedName::of_number(call.number);
         let Some(label) = self.flow.labels.intern_label(&text) else {
             return Err(Fault::new(
                 Code::BadName,
@@ -56,7 +56,7 @@ impl<R: BufRead> Interpreter<R> {
             ));
         };
         self.flow.arguments.clear();
-        let number = self.shown_line();
+        let number = self.program_line();
         let (line, source) = (self.current.number, self.current.text.clone());
         self.enter(&text, label, span, true, 1)
             .map_err(|fault| match fault.code {
@@ -69,14 +69,14 @@ impl<R: BufRead> Interpreter<R> {
             })?;
         self.capture = Some(Box::new(Capture {
             call,
-            depth,
+            call_depth,
             first: self.output.pending.len(),
             state: self.state,
             statement: self.current.statement.clone(),
             text: source,
             line,
             number,
-            led: false,
+            has_approach: false,
             corner: None,
             corners: Vec::new(),
         }));
@@ -93,13 +93,13 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// In a profile A is a fillet and C a chamfer at the end of the line.
-    pub(crate) fn take_corner(&mut self) -> Result<(), Fault> {
+    pub(crate) fn read_corner(&mut self) -> Result<(), Fault> {
         let unit = self.state.unit_mm();
         let Some(capture) = &mut self.capture else {
             return Ok(());
         };
         capture.corner = None;
-        let mut wrong = None;
+        let mut invalid = None;
         self.current.block.words.retain(|word| {
             let kind = match word.letter {
                 b'A' => Corner::Fillet(word.value * unit),
@@ -107,12 +107,12 @@ impl<R: BufRead> Interpreter<R> {
                 _ => return true,
             };
             if word.value <= 0.0 || capture.corner.is_some() {
-                wrong = Some(word.span);
+                invalid = Some(word.span);
             }
             capture.corner = Some(kind);
             false
         });
-        match wrong {
+        match invalid {
             None => Ok(()),
             Some(span) => {
                 let message = "one fillet A or one chamfer C, above 0";
@@ -122,13 +122,13 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// Called after a valid line of the profile.
-    pub(crate) fn profile_line(&mut self) {
+    pub(crate) fn record_profile_line(&mut self) {
         let moves = self.current.statement.motion().is_some() && self.current.statement.has_axes();
         let Some(capture) = &mut self.capture else { return };
         let corner = capture.corner.take();
-        if !capture.led && moves {
+        if !capture.has_approach && moves {
             // The first move only leads to the profile, and may have no length.
-            capture.led = true;
+            capture.has_approach = true;
             self.output.pending.truncate(capture.first);
         } else if let Some(corner) = corner
             && let Some(last) = self.output.pending.len().checked_sub(capture.first + 1)
@@ -138,7 +138,7 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// Called after each line: takes its commands, and executes the cycle when the subroutine has ended.
-    pub(crate) fn captured(&mut self) -> Result<(), Box<Diagnostic>> {
+    pub(crate) fn finish_profile(&mut self) -> Result<(), Box<Diagnostic>> {
         let inside = self.flow.frames.len();
         let Some(capture) = &mut self.capture else {
             return Ok(());
@@ -155,7 +155,7 @@ impl<R: BufRead> Interpreter<R> {
             self.capture = None;
             return Err(diagnostic);
         }
-        if inside > capture.depth {
+        if inside > capture.call_depth {
             return Ok(());
         }
         let Some(capture) = self.capture.take() else {

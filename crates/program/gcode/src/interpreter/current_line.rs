@@ -9,7 +9,7 @@ use crate::syntax::statement::Statement;
 /// The position of the present line. Recorded when the line is read, because the line itself may leave the
 /// subroutine.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Place {
+pub(crate) struct SourceLocation {
     /// The file, if it is not the program itself.
     pub(crate) file: Option<Shared<str>>,
     pub(crate) calls: CallChain,
@@ -25,7 +25,7 @@ pub(crate) struct CurrentLine {
     /// Its text, and its number in its file.
     pub(crate) text: Vec<u8>,
     pub(crate) number: u32,
-    pub(crate) place: Place,
+    pub(crate) location: SourceLocation,
     /// Line of the program from which the present subroutine files were called.
     pub(super) calling_line: u32,
 }

@@ -7,13 +7,13 @@ use evolvent_path::Plane;
 
 use crate::Interpreter;
 use crate::diagnostics::diagnostic::Fault;
-use crate::diagnostics::foreign_line::Surroundings;
-use crate::diagnostics::misread;
+use crate::diagnostics::dialect_conflicts;
+use crate::diagnostics::foreign_line::DialectContext;
 
 impl<R: BufRead> Interpreter<R> {
     /// The state on which advice depends. A rejected line has set neither plane nor G7.
-    pub(super) fn surroundings(&self) -> Surroundings {
-        Surroundings {
+    pub(super) fn dialect_context(&self) -> DialectContext {
+        DialectContext {
             is_lathe: self.settings.features.lathe,
             is_zx: self.state.plane() == Some(Plane::Zx),
             is_diameter: self.state.modes.diameter,
@@ -23,14 +23,14 @@ impl<R: BufRead> Interpreter<R> {
     /// Rejects a line that has another meaning on other lathes, or warns of it.
     pub(super) fn check_lathe_forms(&mut self) -> Result<(), Fault> {
         let (line, tools) = (&self.current.statement, self.tools.as_ref());
-        if let Some(text) = misread::on_lathe(line, &mut self.state, tools)? {
+        if let Some(text) = dialect_conflicts::on_lathe(line, &mut self.state, tools)? {
             self.warn(text);
         }
         Ok(())
     }
 
     pub(super) fn warn_of_feed_before_unit(&mut self) {
-        if let Some(text) = misread::feed_before_unit(&self.current.statement, &self.state) {
+        if let Some(text) = dialect_conflicts::feed_before_unit(&self.current.statement, &self.state) {
             self.warn(text);
         }
     }
@@ -43,7 +43,7 @@ impl<R: BufRead> Interpreter<R> {
 
     pub(super) fn warn_of_assignments(&mut self) {
         let block = &self.current.block;
-        if let Some(text) = misread::assignment(&block.assignments, !block.comments.is_empty()) {
+        if let Some(text) = dialect_conflicts::assignment(&block.assignments, !block.comments.is_empty()) {
             self.warn(text);
         }
     }

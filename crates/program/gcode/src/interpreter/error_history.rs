@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc as Shared;
 
 use crate::interpreter::current_line::CurrentLine;
-use crate::interpreter::doubt::Doubt;
+use crate::interpreter::uncertain_state::UncertainState;
 use crate::state::machine_state::State;
 use crate::{Code, Diagnostic};
 
@@ -19,7 +19,7 @@ pub(super) const MAX_REPEATED_ERRORS: u32 = 10_000;
 #[derive(Default)]
 pub(super) struct ErrorHistory {
     /// State that rejected lines have left unknown.
-    pub(super) doubt: Doubt,
+    pub(super) uncertain_state: UncertainState,
     /// Number of repeated errors.
     pub(super) repeated: u32,
     /// Positions of the errors so far: a loop reports each once.
@@ -42,10 +42,10 @@ pub(super) enum Report {
 }
 
 impl ErrorHistory {
-    /// No errors so far; `doubt` is the state that is unknown before the first line.
-    pub(super) fn beginning_with(doubt: Doubt) -> Self {
+    /// No errors so far; `uncertain_state` is the state that is unknown before the first line.
+    pub(super) fn with_initial_state(uncertain_state: UncertainState) -> Self {
         Self {
-            doubt,
+            uncertain_state,
             ..Self::default()
         }
     }
@@ -59,8 +59,9 @@ impl ErrorHistory {
         is_finished: bool,
     ) -> Report {
         let file: Option<Shared<str>> = diagnostic.file.as_deref().map(Shared::from);
-        let follows = self.doubt.excuses(diagnostic.code, &line.block, state);
-        self.doubt.refuse(diagnostic.code, &line.text, &line.block, state);
+        let follows = self.uncertain_state.explains(diagnostic.code, &line.block, state);
+        self.uncertain_state
+            .record_rejected(diagnostic.code, &line.text, &line.block, state);
         let follows = follows || diagnostic.code == Code::StrayReturn && !self.returns.insert(file.clone());
         let is_new = !follows && self.reported.insert((file, diagnostic.line));
         if is_finished || self.reported.len() >= MAX_ERRORS {

@@ -14,7 +14,7 @@ impl<R: BufRead> Interpreter<R> {
             return Ok(());
         }
         if self.parameters.assumption.is_some() {
-            self.begin_assumed_line();
+            self.begin_line_with_assumption();
         }
         if self.flow.frames.len() > 1 {
             // The delimiters of a file have no meaning inside the program.
@@ -51,16 +51,16 @@ impl<R: BufRead> Interpreter<R> {
         };
         parse(&self.current.text, &mut self.current.block, &scope)?;
         self.warn_of_foreign_reads();
-        let profile = self.capture.is_some();
-        if profile {
-            self.take_corner()?;
+        let is_profile = self.capture.is_some();
+        if is_profile {
+            self.read_corner()?;
         }
         if self.current.block.words.is_empty() {
             // Parameters and comments alone produce no command.
             self.assign()?;
             self.warn_of_assignments();
-            let number = self.shown_line();
-            self.remarks(number)?;
+            let number = self.program_line();
+            self.execute_comments(number)?;
             self.parameters.commit();
             return Ok(());
         }
@@ -73,16 +73,16 @@ impl<R: BufRead> Interpreter<R> {
             self.check_lathe_forms()?;
         }
         self.assign()?;
-        let number = self.shown_line();
+        let number = self.program_line();
         if !self.current.block.comments.is_empty() {
-            self.remarks(number)?;
+            self.execute_comments(number)?;
         }
-        if self.divides()? {
-            return self.divide();
+        if self.needs_split()? {
+            return self.split_at_tool_change();
         }
         self.execute_statement()?;
-        if profile {
-            self.profile_line();
+        if is_profile {
+            self.record_profile_line();
         }
         Ok(())
     }
@@ -91,38 +91,40 @@ impl<R: BufRead> Interpreter<R> {
     pub(crate) fn execute_statement(&mut self) -> Result<(), Fault> {
         // A line with only a straight move changes little of the state, and long programs consist of such
         // lines.
-        let small = self.current.statement.is_plain_move() && self.state.is_plain();
+        let is_plain = self.current.statement.is_plain_move() && self.state.is_plain();
         let plain_move_state = self.state.plain_move_state();
-        if !small {
-            self.before = self.state;
+        if !is_plain {
+            self.state_before = self.state;
         }
-        let passes_end = self.passes_end();
-        let request = self.executor_of_line(passes_end).run();
-        let answered = request.and_then(|request| match request {
-            Some(request) => self.answer(request),
+        let skips_end = self.skips_end();
+        let request = self.executor_of_line(skips_end).run();
+        let result = request.and_then(|request| match request {
+            Some(request) => self.handle_request(request),
             None => Ok(()),
         });
-        if answered.is_err() {
-            if small {
+        if result.is_err() {
+            if is_plain {
                 self.state.restore_plain_move_state(plain_move_state);
             } else {
-                self.state = self.before;
+                self.state = self.state_before;
             }
-            return answered;
+            return result;
         }
         self.parameters.commit();
         self.finished |= self.state.ended;
         if self.state.ended {
             self.warn_of_open_at_end();
         }
-        if passes_end {
-            self.warn_of_passed_end();
+        if skips_end {
+            self.warn_of_skipped_end();
         }
         if self.settings.probes_succeed {
-            self.follow_assumption();
+            self.update_assumption();
         }
-        if self.errors.doubt.is_any() {
-            self.errors.doubt.accept(&self.current.statement, &self.state);
+        if self.errors.uncertain_state.is_uncertain() {
+            self.errors
+                .uncertain_state
+                .record_executed(&self.current.statement, &self.state);
         }
         Ok(())
     }

@@ -1,12 +1,12 @@
 //! The interpreter: selects the next line, executes it, and outputs its commands as an iterator.
 
 pub(crate) mod assumed_contact;
+pub(crate) mod block_matching;
 pub(crate) mod calls;
 pub(crate) mod capture;
 pub(crate) mod control_flow;
 pub(crate) mod current_line;
 mod dialect_advice;
-pub(crate) mod doubt;
 pub(crate) mod effects;
 mod error_history;
 pub(crate) mod execute_line;
@@ -14,11 +14,11 @@ pub(crate) mod modal;
 pub(crate) mod next_line;
 pub(crate) mod o_words;
 pub(crate) mod output;
-pub(crate) mod pairs;
+pub(crate) mod preceding_thread;
 pub(crate) mod restart;
 pub(crate) mod surface_feed;
-pub(crate) mod thread_before;
 pub(crate) mod tool_change;
+pub(crate) mod uncertain_state;
 pub(crate) mod volatile;
 
 use std::collections::BTreeMap;
@@ -34,14 +34,14 @@ use crate::diagnostics::foreign;
 use crate::execution::execute::{Executor, MAX_HELD_COMMANDS};
 use crate::interpreter::capture::Capture;
 use crate::interpreter::control_flow::ControlFlow;
-use crate::interpreter::current_line::{CurrentLine, Place};
-use crate::interpreter::doubt::Doubt;
+use crate::interpreter::current_line::{CurrentLine, SourceLocation};
 use crate::interpreter::error_history::{ErrorHistory, MAX_REPEATED_ERRORS, Report};
 use crate::interpreter::o_words::Frame;
 use crate::interpreter::output::Output;
+use crate::interpreter::preceding_thread::PrecedingThread;
 use crate::interpreter::surface_feed::SurfaceFeed;
-use crate::interpreter::thread_before::ThreadBefore;
-use crate::interpreter::tool_change::Resumed;
+use crate::interpreter::tool_change::LineContinuation;
+use crate::interpreter::uncertain_state::UncertainState;
 use crate::parameters::values::Parameters;
 use crate::state::machine_state::{ProgrammedFeed, State};
 use crate::state::scope::Scope;
@@ -75,7 +75,7 @@ pub struct Interpreter<R> {
     pub(crate) settings: Settings,
     pub(crate) state: State,
     /// The state before the present line, restored if the line has an error.
-    before: State,
+    state_before: State,
     pub(crate) parameters: Parameters,
     tools: Option<ToolTable>,
     control_points: Vec<[f64; 3]>,
@@ -84,13 +84,13 @@ pub struct Interpreter<R> {
     pub(crate) output: Output,
     errors: ErrorHistory,
     /// Outputs as set by the lines before a restart, by kind and number.
-    pub(crate) outputs_left: BTreeMap<(bool, u32), Action>,
-    /// A thread that the lines before a restart have begun; `None` after the first command.
-    pub(crate) thread_before: Option<ThreadBefore>,
+    pub(crate) changed_outputs: BTreeMap<(bool, u32), Action>,
+    /// A thread that the lines before a restart have started; `None` after the first command.
+    pub(crate) preceding_thread: Option<PrecedingThread>,
     /// The tool whose change has just started.
-    pub(crate) begun_change: Option<u32>,
+    pub(crate) started_change: Option<u32>,
     /// The remainder of a line that was divided by its tool change.
-    pub(crate) resumed: Option<Resumed>,
+    pub(crate) continuation: Option<LineContinuation>,
     /// The profile that is being read for a cycle.
     pub(crate) capture: Option<Box<Capture>>,
     /// Number of lines that start with `/`: skipped, executed.
@@ -104,7 +104,7 @@ pub struct Interpreter<R> {
 impl<R: BufRead> Interpreter<R> {
     /// Starts at the first line of `input`.
     pub fn new(input: R, settings: Settings) -> Self {
-        let unknown = settings.unknown;
+        let unhomed = settings.unhomed;
         let mut state = State::new(&settings);
         let mut parameters = Parameters::new();
         for (index, value) in &settings.parameters {
@@ -125,7 +125,7 @@ impl<R: BufRead> Interpreter<R> {
         }
         Self {
             reader: LineReader::new(input, settings.limits.max_line_bytes),
-            before: state,
+            state_before: state,
             state,
             parameters,
             tools: settings.tools.clone(),
@@ -137,11 +137,11 @@ impl<R: BufRead> Interpreter<R> {
                 surface_feed,
                 ..Output::default()
             },
-            errors: ErrorHistory::beginning_with(Doubt::of_start(unknown)),
-            outputs_left: BTreeMap::new(),
-            thread_before: None,
-            begun_change: None,
-            resumed: None,
+            errors: ErrorHistory::with_initial_state(UncertainState::at_start(unhomed)),
+            changed_outputs: BTreeMap::new(),
+            preceding_thread: None,
+            started_change: None,
+            continuation: None,
             capture: None,
             block_delete_lines: (0, 0),
             percent: None,
@@ -182,11 +182,13 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// The axes along which the line read last may leave the travel only because earlier lines with errors
-    /// had no effect, or because no line so far defines the position of an axis of [`Settings::unknown`].
+    /// had no effect, or because no line so far defines the position of an axis of [`Settings::unhomed`].
     #[must_use]
-    pub fn doubtful_axes(&self) -> [bool; AXES] {
+    pub fn uncertain_axes(&self) -> [bool; AXES] {
         let is_rotated = self.state.rotation[0] != 0.0;
-        self.errors.doubt.of_travel(&self.current.text, is_rotated)
+        self.errors
+            .uncertain_state
+            .uncertain_axes(&self.current.text, is_rotated)
     }
 
     /// The active F word after the lines read so far, and its feed for linear axes, mm/s; `None` except in
@@ -242,7 +244,7 @@ impl<R: BufRead> Interpreter<R> {
         self.flow.frames.len() > 1
             || self.flow.skip.is_some()
             || self.flow.definition.is_some()
-            || self.resumed.is_some()
+            || self.continuation.is_some()
     }
 
     /// Whether M2 or M30 has been executed.
@@ -253,13 +255,13 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Executes a line and discards its commands. Returns the line number of a probing move among them, whose
     /// result is unknown.
-    pub(crate) fn step_silently(&mut self) -> Result<Option<u32>, Box<Diagnostic>> {
+    pub(crate) fn execute_without_output(&mut self) -> Result<Option<u32>, Box<Diagnostic>> {
         let mut probed = None;
         self.advance()?;
         if self.state.cutter.held.is_none() && self.capture.is_none() {
-            let thread = self.thread_before.get_or_insert_default();
+            let thread = self.preceding_thread.get_or_insert_default();
             for command in self.output.pending.drain(..) {
-                thread.note(&command.action, command.line);
+                thread.observe(&command.action, command.line);
                 match command.action {
                     Action::Output { index, on, .. } => {
                         let synchronised = false;
@@ -268,7 +270,7 @@ impl<R: BufRead> Interpreter<R> {
                             on,
                             synchronised,
                         };
-                        self.outputs_left.insert((false, index), action);
+                        self.changed_outputs.insert((false, index), action);
                     }
                     Action::AnalogOutput { index, value, .. } => {
                         let synchronised = false;
@@ -277,13 +279,13 @@ impl<R: BufRead> Interpreter<R> {
                             value,
                             synchronised,
                         };
-                        self.outputs_left.insert((true, index), action);
+                        self.changed_outputs.insert((true, index), action);
                     }
                     Action::Probe { .. } => probed = Some(command.line),
                     _ => {}
                 }
             }
-            self.output.watch.skip();
+            self.output.contour_checker.discard();
             self.output.lines_without_command = 0;
         }
         Ok(probed)
@@ -315,9 +317,9 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Executes the present statement.
     #[inline]
-    pub(crate) fn executor_of_line(&mut self, passes_end: bool) -> Executor<'_> {
-        let number = self.shown_line();
-        let (origin, calls) = (self.origin(), self.current.place.calls.clone());
+    pub(crate) fn executor_of_line(&mut self, skips_end: bool) -> Executor<'_> {
+        let number = self.program_line();
+        let (origin, calls) = (self.origin(), self.current.location.calls.clone());
         Executor {
             origin,
             calls,
@@ -327,17 +329,17 @@ impl<R: BufRead> Interpreter<R> {
             tools: &mut self.tools,
             parameters: &mut self.parameters,
             control_points: &mut self.control_points,
-            out: &mut self.output.pending,
+            commands: &mut self.output.pending,
             changed: &mut self.output.changed,
-            watch: &mut self.output.watch,
-            passes_end,
+            contour_checker: &mut self.output.contour_checker,
+            skips_end,
             number,
         }
     }
 
     /// The line number for commands: of the program, not of another file.
-    pub(crate) fn shown_line(&self) -> u32 {
-        if self.current.place.is_of_program {
+    pub(crate) fn program_line(&self) -> u32 {
+        if self.current.location.is_of_program {
             self.current.number
         } else {
             self.current.calling_line
@@ -348,47 +350,47 @@ impl<R: BufRead> Interpreter<R> {
     #[inline]
     pub(crate) fn origin(&self) -> Option<Origin> {
         Some(Origin {
-            file: self.current.place.file.clone()?,
+            file: self.current.location.file.clone()?,
             line: self.current.number,
         })
     }
 
     /// Records the position of the following lines.
     #[cold]
-    fn take_place(&mut self) {
+    fn record_location(&mut self) {
         let file_of = |frame: &Frame| frame.lines.as_ref().and_then(|lines| lines.file.clone());
         let Some(frame) = self.flow.frames.last() else {
             return;
         };
-        self.current.place = Place {
+        self.current.location = SourceLocation {
             file: file_of(frame),
             calls: frame.calls.clone(),
             is_of_program: self.flow.frames.iter().all(|frame| file_of(frame).is_none()),
         };
-        self.flow.has_moved = false;
+        self.flow.location_changed = false;
     }
 
     /// Reads and executes a line; its commands go to `pending`.
     fn advance(&mut self) -> Result<(), Box<Diagnostic>> {
-        let result = self.line_of_program();
+        let result = self.execute_next_line();
         if self.capture.is_some() {
-            result.and(self.captured())
+            result.and(self.finish_profile())
         } else {
             result
         }
     }
 
-    fn line_of_program(&mut self) -> Result<(), Box<Diagnostic>> {
+    fn execute_next_line(&mut self) -> Result<(), Box<Diagnostic>> {
         self.output.lines_without_command += 1;
-        if let Some(fault) = self.check_bounds() {
+        if let Some(fault) = self.check_limits() {
             self.finished = true;
             return Err(self.locate(fault));
         }
-        if let Some(resumed) = self.resumed.take() {
-            return self.or_roll_back(|interpreter| interpreter.resume_line(resumed));
+        if let Some(continuation) = self.continuation.take() {
+            return self.with_rollback(|interpreter| interpreter.continue_line(continuation));
         }
-        if self.flow.has_moved {
-            self.take_place();
+        if self.flow.location_changed {
+            self.record_location();
         }
         self.current.block.clear();
         match self.next_line() {
@@ -400,23 +402,23 @@ impl<R: BufRead> Interpreter<R> {
                 return Err(Box::new(fault.locate(self.reader.line(), &self.current.text)));
             }
         }
-        self.or_roll_back(Self::interpret)
+        self.with_rollback(Self::interpret)
     }
 
     /// Executes a part of a line; if it fails, the line has no effect.
-    fn or_roll_back(
+    fn with_rollback(
         &mut self,
         execute: impl FnOnce(&mut Self) -> Result<(), Fault>,
     ) -> Result<(), Box<Diagnostic>> {
-        let (before, mark) = (self.output.pending.len(), self.output.watch.mark());
+        let (length_before, mark) = (self.output.pending.len(), self.output.contour_checker.mark());
         self.output.changed.clear();
         execute(self).map_err(|fault| {
-            self.output.watch.roll_back(mark);
+            self.output.contour_checker.roll_back(mark);
             let fault = foreign::explain(
                 &self.current.text,
                 &self.current.block,
                 fault,
-                self.surroundings(),
+                self.dialect_context(),
             );
             let removed = self
                 .output
@@ -424,7 +426,7 @@ impl<R: BufRead> Interpreter<R> {
                 .iter()
                 .filter(|changed| changed.removed)
                 .count();
-            self.output.pending.truncate(before - removed);
+            self.output.pending.truncate(length_before - removed);
             while let Some(changed) = self.output.changed.pop() {
                 if changed.removed {
                     self.output.pending.insert(changed.index, changed.command);
@@ -439,54 +441,54 @@ impl<R: BufRead> Interpreter<R> {
 
     fn locate(&self, fault: Fault) -> Box<Diagnostic> {
         let mut diagnostic = Box::new(fault.locate(self.current.number, &self.current.text));
-        diagnostic.file = self.current.place.file.as_deref().map(Box::from);
-        diagnostic.calls = self.current.place.calls.innermost_first();
+        diagnostic.file = self.current.location.file.as_deref().map(Box::from);
+        diagnostic.calls = self.current.location.calls.innermost_first();
         diagnostic
     }
 
     /// The error of too many lines without a command, or of too many commands that wait for a move in the
     /// plane.
-    fn check_bounds(&self) -> Option<Fault> {
-        let place = Span::new(0, self.current.text.len());
+    fn check_limits(&self) -> Option<Fault> {
+        let span = Span::new(0, self.current.text.len());
         if self.output.lines_without_command > self.settings.limits.max_silent_lines {
             let message = format!(
                 "{} lines without a command for the machine: an endless loop",
                 self.settings.limits.max_silent_lines
             );
             return Some(
-                Fault::new(Code::TooManySteps, place, message)
+                Fault::new(Code::TooManySteps, span, message)
                     .help("check whether the condition of the loop ever changes"),
             );
         }
         if self.output.pending.len() > MAX_HELD_COMMANDS {
             let message =
                 format!("more than {MAX_HELD_COMMANDS} commands between two moves with cutter compensation");
-            return Some(Fault::new(Code::BodyTooLong, place, message).help("write G40 before them"));
+            return Some(Fault::new(Code::BodyTooLong, span, message).help("write G40 before them"));
         }
         let interrupted = self.output.lines_without_command % INTERRUPT_LINES == 1
             && self
                 .interrupt
                 .as_ref()
                 .is_some_and(|flag| flag.load(Ordering::Relaxed));
-        interrupted.then(|| Fault::new(Code::Interrupted, place, "the interpreter was interrupted"))
+        interrupted.then(|| Fault::new(Code::Interrupted, span, "the interpreter was interrupted"))
     }
 
     /// The error of a loop that repeats lines with errors.
     fn too_many_repeats(&self) -> Fault {
-        let place = Span::new(0, self.current.text.len());
+        let span = Span::new(0, self.current.text.len());
         let message = format!(
             "lines with errors were executed {MAX_REPEATED_ERRORS} more times in loops; lines after this one \
              were not checked"
         );
-        Fault::new(Code::TooManySteps, place, message).help("correct the errors reported before this one")
+        Fault::new(Code::TooManySteps, span, message).help("correct the errors reported before this one")
     }
 
-    fn take_pending(&mut self) -> Option<CanonicalCommand> {
+    fn pop_pending(&mut self) -> Option<CanonicalCommand> {
         let command = self.output.pending.pop_front()?;
         let held = &mut self.state.cutter.held;
         *held = held.map(|held| held - 1);
-        self.output.watch.output(&command);
-        Some(self.output.surface_feed.divide(command))
+        self.output.contour_checker.output(&command);
+        Some(self.output.surface_feed.split(command))
     }
 
     /// The end without M2.
@@ -494,10 +496,10 @@ impl<R: BufRead> Interpreter<R> {
         let mut state = self.state;
         let statement = Statement::default();
         let number = self.reader.line();
-        let is_block = self.settings.is_block;
+        let is_mdi = self.settings.is_mdi;
         let mut executor = self.executor(&statement, &mut state, number);
-        if is_block {
-            executor.end_block();
+        if is_mdi {
+            executor.end_mdi();
         } else {
             executor.end();
         }
@@ -516,14 +518,18 @@ impl<R: BufRead> Iterator for Interpreter<R> {
         }
         loop {
             // A move that cutter compensation may still change is held, with everything after it.
-            let waits = self.state.cutter.held;
-            if waits != Some(0)
+            let held = self.state.cutter.held;
+            if held != Some(0)
                 && self.capture.is_none()
-                && let Some(command) = self.output.watch.finding().or_else(|| self.take_pending())
+                && let Some(command) = self
+                    .output
+                    .contour_checker
+                    .finding()
+                    .or_else(|| self.pop_pending())
             {
                 self.output.lines_without_command = 0;
-                if let Some(mut thread) = self.thread_before.take()
-                    && let Some(first) = thread.note(&command.action, command.line)
+                if let Some(mut thread) = self.preceding_thread.take()
+                    && let Some(first) = thread.observe(&command.action, command.line)
                 {
                     self.finished = true;
                     return Some(Err(self.inside_thread(first)));

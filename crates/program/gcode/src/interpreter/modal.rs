@@ -8,7 +8,7 @@ use crate::codes::modal_groups::{Compensation, FeedMode, PlaneCode};
 use crate::interpreter::Interpreter;
 use crate::state::machine_state::ProgrammedSpeed;
 use crate::state::machine_state::State;
-use crate::state::rotation::{rotation_of, turn_back};
+use crate::state::rotation::{rotate_back, rotation_of};
 use crate::{PathMode, SpindleDirection};
 
 /// Modes, offsets and tool after a line.
@@ -51,7 +51,7 @@ impl Modal {
         }
         // The rotation is about the zero of the system, and G92 is in the rotated coordinates.
         let zero = self.work_offset - self.g92_offset;
-        turn_back(rotation_of(self.rotation_deg), machine - zero - self.tool_offset) - self.g92_offset
+        rotate_back(rotation_of(self.rotation_deg), machine - zero - self.tool_offset) - self.g92_offset
     }
 }
 
@@ -94,7 +94,7 @@ impl State {
                 PathMode::ExactStop => 611,
                 PathMode::Blend { .. } => 640,
             },
-            either(modes.retract_to_old, 980, 990),
+            either(modes.retract_to_initial, 980, 990),
             either(modes.diameter, 70, 80),
             either(self.cutter.code == Compensation::Off, 400, 410),
             either(self.tool_offset == Axes::zeros(), 490, 430),
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn rotated_position_is_as_programmed() {
+    fn rotated_work_position_is_as_programmed() {
         // 30 degrees about (5, 6): (10, 4) is 10 cos 30 - 4 sin 30 and 10 sin 30 + 4 cos 30 from there.
         let machine = |x: f64, y: f64| Axes::from_fn(|axis, _| [x, y].get(axis).copied().unwrap_or(0.0));
         let modal = after("G10 L2 P1 X5 Y6 R30\n\n");

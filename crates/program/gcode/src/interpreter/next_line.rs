@@ -11,8 +11,8 @@ use crate::syntax::parser::is_percent;
 
 impl<R: BufRead> Interpreter<R> {
     /// Number of the next line of the program.
-    pub(crate) fn next_of_program(&self) -> u32 {
-        match self.flow.tape.get(self.flow.frames[0].at) {
+    pub(crate) fn next_program_line(&self) -> u32 {
+        match self.flow.line_buffer.get(self.flow.frames[0].next_index) {
             Some((_, line)) => line,
             None => self.reader.line() + 1,
         }
@@ -23,29 +23,29 @@ impl<R: BufRead> Interpreter<R> {
         let last = self.flow.frames.len() - 1;
         let frame = &mut self.flow.frames[last];
         if let Some(lines) = &frame.lines {
-            let Some((text, line)) = lines.get(frame.at) else {
+            let Some((text, line)) = lines.get(frame.next_index) else {
                 return Ok(false);
             };
             self.current.text.clear();
             self.current.text.extend_from_slice(text);
             self.current.number = line;
-            frame.at += 1;
+            frame.next_index += 1;
             return Ok(true);
         }
-        if let Some((text, line)) = self.flow.tape.get(frame.at) {
+        if let Some((text, line)) = self.flow.line_buffer.get(frame.next_index) {
             self.current.text.clear();
             self.current.text.extend_from_slice(text);
             self.current.number = line;
-            frame.at += 1;
-            self.flow.on_tape = true;
+            frame.next_index += 1;
+            self.flow.is_buffered = true;
             return Ok(true);
         }
-        let recording = self.recording();
-        if !recording && self.flow.tape.len() > 0 {
-            self.flow.tape.clear();
-            self.flow.frames[0].at = 0;
+        let needs_buffering = self.needs_buffering();
+        if !needs_buffering && self.flow.line_buffer.len() > 0 {
+            self.flow.line_buffer.clear();
+            self.flow.frames[0].next_index = 0;
         }
-        self.flow.on_tape = false;
+        self.flow.is_buffered = false;
         let line_before = self.current.number;
         let read = self.reader.read_into(&mut self.current.text)?;
         self.current.number = self.reader.line();
@@ -53,11 +53,13 @@ impl<R: BufRead> Interpreter<R> {
             // The line of a subroutine, which has ended.
             self.current.text.clear();
         }
-        if read && recording {
-            self.flow.tape.push(self.current.number, &self.current.text);
-            self.flow.frames[0].at = self.flow.tape.len();
-            self.flow.on_tape = true;
-            if self.flow.tape.size() > self.settings.limits.max_body_bytes {
+        if read && needs_buffering {
+            self.flow
+                .line_buffer
+                .push(self.current.number, &self.current.text);
+            self.flow.frames[0].next_index = self.flow.line_buffer.len();
+            self.flow.is_buffered = true;
+            if self.flow.line_buffer.size() > self.settings.limits.max_body_bytes {
                 self.finished = true;
                 return Err(self.body_too_long());
             }
@@ -67,25 +69,26 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Processes the end of the lines of a frame.
     pub(super) fn end_of_lines(&mut self) -> Result<(), Box<Diagnostic>> {
-        let open = self.unfinished();
+        let fault_of_open_block = self.unclosed_block_error();
         if self.flow.frames.len() > 1 {
-            let may_end = self.flow.frames.last().is_some_and(Frame::is_whole_file);
+            let may_end_anywhere = self.flow.frames.last().is_some_and(Frame::is_plain_file);
             // A tool change that ends inside a condition is incomplete.
-            let is_cut_off =
-                self.flow.skip.is_some() || self.flow.definition.is_some() || !self.frame().open.is_empty();
-            let is_change = self.frame().change.is_some();
-            let fault = open
-                .filter(|_| !may_end || is_cut_off && is_change)
+            let is_incomplete = self.flow.skip.is_some()
+                || self.flow.definition.is_some()
+                || !self.frame().open_blocks.is_empty();
+            let is_tool_change = self.frame().tool_change.is_some();
+            let fault = fault_of_open_block
+                .filter(|_| !may_end_anywhere || is_incomplete && is_tool_change)
                 .map(|fault| self.locate(fault));
             self.flow.skip = None;
             self.flow.definition = None;
             let returned = self.return_from(None).map_err(|fault| self.locate(fault));
             return fault.map_or(returned, Err);
         }
-        let fault = open.map(|fault| self.locate(fault));
+        let fault = fault_of_open_block.map(|fault| self.locate(fault));
         self.flow.skip = None;
         self.flow.definition = None;
-        self.flow.frames[0].open.clear();
+        self.flow.frames[0].open_blocks.clear();
         self.end();
         fault.map_or(Ok(()), Err)
     }

@@ -9,7 +9,7 @@ use std::sync::Arc as Shared;
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::execution::saved_modes::SavedModes;
 use crate::interpreter::Interpreter;
-use crate::interpreter::tool_change::DividedLine;
+use crate::interpreter::tool_change::SplitLine;
 use crate::parameters::names::NameId;
 use crate::syntax::block::{Keyword, OWord};
 use crate::syntax::expression::Evaluator;
@@ -22,12 +22,12 @@ use crate::{CallChain, Code};
 #[derive(Debug, Default)]
 pub(crate) struct Frame {
     pub(crate) lines: Option<Shared<Lines>>,
-    /// Next line in `lines`, or on the tape.
-    pub(crate) at: usize,
-    pub(crate) open: Vec<Open>,
-    /// Index, counted from 1, from which on lines depend on an assumed contact; 0 for all lines.
+    /// Index of the next line in `lines` or in the line buffer.
+    pub(crate) next_index: usize,
+    pub(crate) open_blocks: Vec<OpenBlock>,
+    /// Number of open blocks from which on lines depend on an assumed contact; 0 for all lines.
     pub(crate) assumed_from: Option<usize>,
-    /// Index, counted likewise, from which on lines follow an exit that was skipped because of an assumed
+    /// Number of open blocks from which on lines follow an exit that was skipped because of an assumed
     /// contact.
     pub(crate) exit_from: Option<usize>,
     /// The subroutine, and its first line.
@@ -36,25 +36,25 @@ pub(crate) struct Frame {
     /// The calls that led to its lines.
     pub(crate) calls: CallChain,
     /// Number of further repetitions (M98 L).
-    pub(crate) again: u32,
+    pub(crate) repeats_left: u32,
     /// Whether it has its own parameters.
-    pub(crate) own_parameters: bool,
+    pub(crate) has_own_parameters: bool,
     /// The modes saved by M70 or M73, and whether they are restored automatically.
     pub(crate) saved: Option<(SavedModes, bool)>,
     /// The line with M6 for which it changes the tool.
-    pub(crate) change: Option<Box<DividedLine>>,
+    pub(crate) tool_change: Option<Box<SplitLine>>,
 }
 
 impl Frame {
     /// Whether the lines are a file without a subroutine of its own, which may end anywhere.
-    pub(crate) fn is_whole_file(&self) -> bool {
-        self.first == 0 && (!self.own_parameters || self.change.is_some())
+    pub(crate) fn is_plain_file(&self) -> bool {
+        self.first == 0 && (!self.has_own_parameters || self.tool_change.is_some())
     }
 }
 
 /// An open condition or loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Open {
+pub(crate) enum OpenBlock {
     /// Whether one of its branches has been executed, its line, and whether a condition has read an assumed
     /// contact.
     If {
@@ -67,11 +67,15 @@ pub(crate) enum Open {
     While { name: NameId, start: usize },
     /// `start` is the first line of the body.
     Do { name: NameId, start: usize },
-    /// `start` is the first line of the body; `left` includes the present repetition.
-    Repeat { name: NameId, start: usize, left: f64 },
+    /// `start` is the first line of the body; `remaining` includes the present repetition.
+    Repeat {
+        name: NameId,
+        start: usize,
+        remaining: f64,
+    },
 }
 
-impl Open {
+impl OpenBlock {
     pub(crate) fn name(self) -> NameId {
         match self {
             Self::If { name, .. }
@@ -119,11 +123,11 @@ pub(crate) struct Definition {
 
 impl<R: BufRead> Interpreter<R> {
     /// Whether lines of the program must be stored.
-    pub(crate) fn recording(&self) -> bool {
+    pub(crate) fn needs_buffering(&self) -> bool {
         self.flow
             .frames
             .first()
-            .is_some_and(|main| main.open.iter().any(|open| open.is_loop()))
+            .is_some_and(|main| main.open_blocks.iter().any(|open| open.is_loop()))
     }
 
     /// Processes the line if it is being skipped or collected, or is an O-word. False for an ordinary line.
@@ -141,7 +145,7 @@ impl<R: BufRead> Interpreter<R> {
             self.define(word.as_ref())?;
         } else if let Some(skip) = self.flow.skip {
             if self.flow.skips_assumed {
-                self.note_skipped_exit(word.as_ref());
+                self.record_skipped_exit(word.as_ref());
             }
             if let Some(word) = word {
                 self.skipped(skip, &word)?;
@@ -163,15 +167,18 @@ impl<R: BufRead> Interpreter<R> {
         &mut self.flow.frames[last]
     }
 
-    /// Index of the present line among the stored lines; from now on those of the program are stored.
-    pub(crate) fn mark(&mut self) -> usize {
-        if self.flow.frames.len() == 1 && !self.flow.on_tape {
-            self.flow.tape.clear();
-            self.flow.tape.push(self.current.number, &self.current.text);
-            self.flow.on_tape = true;
-            self.frame().at = 1;
+    /// Index of the present line among the lines of its frame. Lines of the program are stored from this one
+    /// on.
+    pub(crate) fn start_buffering(&mut self) -> usize {
+        if self.flow.frames.len() == 1 && !self.flow.is_buffered {
+            self.flow.line_buffer.clear();
+            self.flow
+                .line_buffer
+                .push(self.current.number, &self.current.text);
+            self.flow.is_buffered = true;
+            self.frame().next_index = 1;
         }
-        self.frame().at - 1
+        self.frame().next_index - 1
     }
 
     fn execute_o_word(&mut self, word: &OWord) -> Result<(), Fault> {
@@ -179,7 +186,7 @@ impl<R: BufRead> Interpreter<R> {
         match word.keyword {
             Keyword::Sub if self.is_in_subroutine() => return Err(self.nested_sub(word, name)),
             Keyword::Sub => {
-                self.nothing_more(word)?;
+                self.expect_no_values(word)?;
                 let file = self.frame().lines.as_ref().and_then(|lines| lines.file.clone());
                 self.flow.definition = Some(Definition {
                     name,
@@ -191,86 +198,86 @@ impl<R: BufRead> Interpreter<R> {
             Keyword::EndSub => self.end_sub(word, name)?,
             Keyword::Return => {
                 if self.flow.frames.len() == 1 {
-                    return Err(order(word, "is outside of any subroutine"));
+                    return Err(order_fault(word, "is outside of any subroutine"));
                 }
                 let value = self.optional_value(word)?;
                 self.return_from(value)?;
             }
             Keyword::Call => self.call(word, name)?,
-            Keyword::If => self.if_(word, name)?,
+            Keyword::If => self.begin_if(word, name)?,
             Keyword::ElseIf | Keyword::Else => {
                 // Reached from above, so a branch has been executed.
-                match self.frame().open.last().copied() {
-                    Some(Open::If {
+                match self.frame().open_blocks.last().copied() {
+                    Some(OpenBlock::If {
                         name: open, assumed, ..
                     }) if open == name => self.skip(Skip::Branch(name), assumed),
-                    _ => return Err(order(word, "has no if before it")),
+                    _ => return Err(order_fault(word, "has no if before it")),
                 }
             }
-            Keyword::EndIf => match self.frame().open.last() {
-                Some(Open::If { name: open, .. }) if *open == name => {
-                    self.nothing_more(word)?;
-                    self.frame().open.pop();
+            Keyword::EndIf => match self.frame().open_blocks.last() {
+                Some(OpenBlock::If { name: open, .. }) if *open == name => {
+                    self.expect_no_values(word)?;
+                    self.frame().open_blocks.pop();
                 }
-                _ => return Err(self.end_without_begin(word)),
+                _ => return Err(self.unmatched_end(word)),
             },
-            Keyword::While => self.while_(word, name)?,
-            Keyword::EndWhile => match self.frame().open.last().copied() {
-                Some(Open::While { name: open, start }) if open == name => {
-                    self.nothing_more(word)?;
-                    self.frame().open.pop();
+            Keyword::While => self.begin_while(word, name)?,
+            Keyword::EndWhile => match self.frame().open_blocks.last().copied() {
+                Some(OpenBlock::While { name: open, start }) if open == name => {
+                    self.expect_no_values(word)?;
+                    self.frame().open_blocks.pop();
                     self.jump(start);
                 }
-                _ => return Err(self.end_without_begin(word)),
+                _ => return Err(self.unmatched_end(word)),
             },
             Keyword::Do => {
-                self.nothing_more(word)?;
-                let start = self.mark() + 1;
-                self.frame().open.push(Open::Do { name, start });
+                self.expect_no_values(word)?;
+                let start = self.start_buffering() + 1;
+                self.frame().open_blocks.push(OpenBlock::Do { name, start });
             }
-            Keyword::Repeat => self.repeat_(word, name)?,
-            Keyword::EndRepeat => match self.frame().open.last().copied() {
-                Some(Open::Repeat {
+            Keyword::Repeat => self.begin_repeat(word, name)?,
+            Keyword::EndRepeat => match self.frame().open_blocks.last().copied() {
+                Some(OpenBlock::Repeat {
                     name: open,
                     start,
-                    left,
+                    remaining,
                 }) if open == name => {
-                    self.nothing_more(word)?;
-                    self.repeat(name, start, left);
+                    self.expect_no_values(word)?;
+                    self.next_repetition(name, start, remaining);
                 }
-                _ => return Err(self.end_without_begin(word)),
+                _ => return Err(self.unmatched_end(word)),
             },
             Keyword::Break | Keyword::Continue => self.leave_loop(word, name)?,
             // A program number has no effect.
-            Keyword::Program => self.nothing_more(word)?,
+            Keyword::Program => self.expect_no_values(word)?,
         }
         Ok(())
     }
 
     fn end_sub(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
         let is_active = self.flow.frames.len() > 1 && self.frame().name == name;
-        if !is_active && self.flow.refused_subs.contains(&name) {
+        if !is_active && self.flow.rejected_subs.contains(&name) {
             // Its start was rejected, and that is the mistake.
             return Ok(());
         }
         if self.flow.frames.len() == 1 {
-            return Err(order(
+            return Err(order_fault(
                 word,
                 "ends a subroutine that has not started: there is no sub with this name before it",
             ));
         }
         if self.frame().name != name {
-            return Err(self.wrong_end_of_active(word));
+            return Err(self.mismatched_end_of_active(word));
         }
         let value = self.optional_value(word)?;
         self.warn_of_open_at_endsub();
         self.return_from(value)
     }
 
-    fn if_(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+    fn begin_if(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
         let condition = self.condition(word);
         let (line, assumed) = (self.current.number, self.reads_assumed());
-        let open = |taken| Open::If {
+        let open = |taken| OpenBlock::If {
             name,
             taken,
             line,
@@ -279,21 +286,21 @@ impl<R: BufRead> Interpreter<R> {
         let taken = match condition {
             Ok(taken) => taken,
             Err(fault) => {
-                // Keeps one mistake from causing a second error.
-                self.frame().open.push(open(true));
+                // The end of the block must not be a second error.
+                self.frame().open_blocks.push(open(true));
                 self.skip(Skip::Branch(name), assumed);
                 return Err(fault);
             }
         };
-        self.frame().open.push(open(taken));
-        self.follow_condition();
+        self.frame().open_blocks.push(open(taken));
+        self.record_condition();
         if !taken {
             self.skip(Skip::Branch(name), assumed);
         }
         Ok(())
     }
 
-    fn repeat_(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+    fn begin_repeat(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
         let times = match self.value(word) {
             // As in LinuxCNC.
             Ok(times) => times.round_ties_even(),
@@ -305,34 +312,38 @@ impl<R: BufRead> Interpreter<R> {
         if times < 1.0 {
             self.skip_loop(name, Keyword::EndRepeat);
         } else {
-            let start = self.mark() + 1;
-            let left = times;
-            self.frame().open.push(Open::Repeat { name, start, left });
-            self.follow_condition();
+            let start = self.start_buffering() + 1;
+            let remaining = times;
+            self.frame().open_blocks.push(OpenBlock::Repeat {
+                name,
+                start,
+                remaining,
+            });
+            self.record_condition();
         }
         Ok(())
     }
 
-    fn while_(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
-        let end_of_do = match self.frame().open.last() {
-            Some(Open::Do { name: open, start }) if *open == name => Some(*start),
+    fn begin_while(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        let end_of_do = match self.frame().open_blocks.last() {
+            Some(OpenBlock::Do { name: open, start }) if *open == name => Some(*start),
             _ => None,
         };
         if let Some(start) = end_of_do {
             let condition = self.condition(word);
-            self.follow_condition();
+            self.record_condition();
             if matches!(condition, Ok(true)) {
                 self.jump(start);
             } else {
-                self.frame().open.pop();
+                self.frame().open_blocks.pop();
             }
             return condition.map(drop);
         }
         match self.condition(word) {
             Ok(true) => {
-                let start = self.mark();
-                self.frame().open.push(Open::While { name, start });
-                self.follow_condition();
+                let start = self.start_buffering();
+                self.frame().open_blocks.push(OpenBlock::While { name, start });
+                self.record_condition();
                 Ok(())
             }
             other => {
@@ -354,35 +365,39 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// Starts the next repetition of a repeat, or ends it; the present line is the end of its body.
-    fn repeat(&mut self, name: NameId, start: usize, left: f64) {
-        self.frame().open.pop();
-        if left > 1.0 {
-            let left = left - 1.0;
-            self.frame().open.push(Open::Repeat { name, start, left });
+    fn next_repetition(&mut self, name: NameId, start: usize, remaining: f64) {
+        self.frame().open_blocks.pop();
+        if remaining > 1.0 {
+            let remaining = remaining - 1.0;
+            self.frame().open_blocks.push(OpenBlock::Repeat {
+                name,
+                start,
+                remaining,
+            });
             self.jump(start);
         }
     }
 
     fn leave_loop(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
-        self.nothing_more(word)?;
-        let open = &self.frame().open;
-        let Some(place) = open
+        self.expect_no_values(word)?;
+        let open = &self.frame().open_blocks;
+        let Some(index) = open
             .iter()
             .rposition(|open| open.is_loop() && open.name() == name)
         else {
-            return Err(order(word, "is not inside a loop with this name"));
+            return Err(order_fault(word, "is not inside a loop with this name"));
         };
-        let found = open[place];
+        let found = open[index];
         let line = self.line_of(found);
-        self.frame().open.truncate(place + 1);
+        self.frame().open_blocks.truncate(index + 1);
         let end = match found {
-            Open::While { .. } => Keyword::EndWhile,
-            Open::Repeat { .. } => Keyword::EndRepeat,
-            Open::Do { .. } | Open::If { .. } => Keyword::While,
+            OpenBlock::While { .. } => Keyword::EndWhile,
+            OpenBlock::Repeat { .. } => Keyword::EndRepeat,
+            OpenBlock::Do { .. } | OpenBlock::If { .. } => Keyword::While,
         };
-        let assumed = self.calls_in_branch().is_some();
+        let assumed = self.inherited_assumption().is_some();
         if word.keyword == Keyword::Break {
-            self.frame().open.pop();
+            self.frame().open_blocks.pop();
             self.skip(Skip::End(name, end, line), assumed);
         } else {
             self.skip(Skip::Next(name, end), assumed);
@@ -390,41 +405,44 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
-    fn jump(&mut self, place: usize) {
-        self.frame().at = place;
+    fn jump(&mut self, index: usize) {
+        self.frame().next_index = index;
     }
 
     /// Processes an O-word among skipped lines.
     fn skipped(&mut self, skip: Skip, word: &OWord) -> Result<(), Fault> {
         let Ok(name) = self.label(word) else { return Ok(()) };
         match skip {
-            Skip::Branch(waited) if waited == name => {
-                let taken = matches!(self.frame().open.last(), Some(Open::If { taken: true, .. }));
-                let enter = match word.keyword {
+            Skip::Branch(awaited) if awaited == name => {
+                let taken = matches!(
+                    self.frame().open_blocks.last(),
+                    Some(OpenBlock::If { taken: true, .. })
+                );
+                let is_entered = match word.keyword {
                     Keyword::EndIf => {
-                        self.frame().open.pop();
+                        self.frame().open_blocks.pop();
                         self.flow.skip = None;
-                        return self.nothing_more(word);
+                        return self.expect_no_values(word);
                     }
                     Keyword::Else => !taken,
                     Keyword::ElseIf => {
-                        let enter = !taken && self.condition(word)?;
-                        self.follow_condition();
+                        let is_entered = !taken && self.condition(word)?;
+                        self.record_condition();
                         self.flow.skips_assumed |= self.reads_assumed();
-                        enter
+                        is_entered
                     }
                     _ => false,
                 };
-                if enter {
-                    let depends = self.flow.skips_assumed;
-                    if let Some(Open::If { taken, assumed, .. }) = self.frame().open.last_mut() {
-                        (*taken, *assumed) = (true, depends);
+                if is_entered {
+                    let is_assumed = self.flow.skips_assumed;
+                    if let Some(OpenBlock::If { taken, assumed, .. }) = self.frame().open_blocks.last_mut() {
+                        (*taken, *assumed) = (true, is_assumed);
                     }
                     self.flow.skip = None;
                 }
             }
-            Skip::End(waited, end, _) if waited == name && word.keyword == end => self.flow.skip = None,
-            Skip::Next(waited, end) if waited == name && word.keyword == end => {
+            Skip::End(awaited, end, _) if awaited == name && word.keyword == end => self.flow.skip = None,
+            Skip::Next(awaited, end) if awaited == name && word.keyword == end => {
                 self.flow.skip = None;
                 return self.execute_o_word(word);
             }
@@ -452,7 +470,7 @@ impl<R: BufRead> Interpreter<R> {
     fn values_of(&self, word: &OWord, text: &[u8], mut values: Vec<f64>) -> Result<Vec<f64>, Fault> {
         let scope = self.scope();
         let mut lexer = Lexer::new(text);
-        lexer.go_back(word.rest);
+        lexer.seek(word.rest);
         loop {
             match lexer.peek() {
                 Some(b'[') => values.push(Evaluator::new(&mut lexer, &scope).bracket()?),
@@ -461,12 +479,12 @@ impl<R: BufRead> Interpreter<R> {
                 }
                 None | Some(b';') => return Ok(values),
                 Some(_) => {
-                    let place = Span::at(lexer.place());
+                    let span = Span::at(lexer.position());
                     let message = format!(
                         "after {} only values in [ ] and comments follow",
                         word.keyword.name()
                     );
-                    return Err(Fault::new(Code::OWord, place, message));
+                    return Err(Fault::new(Code::OWord, span, message));
                 }
             }
         }
@@ -486,7 +504,7 @@ impl<R: BufRead> Interpreter<R> {
     fn condition(&mut self, word: &OWord) -> Result<bool, Fault> {
         let value = self.value(word);
         if let Some(assumption) = &mut self.parameters.assumption {
-            assumption.has_branched |= assumption.is_read();
+            assumption.has_branched |= assumption.values_depend();
         }
         value.map(|value| value != 0.0)
     }
@@ -496,21 +514,21 @@ impl<R: BufRead> Interpreter<R> {
         match self.flow.arguments[..] {
             [] => Ok(None),
             [value] => Ok(Some(value)),
-            _ => Err(order(word, "returns at most one value")),
+            _ => Err(order_fault(word, "returns at most one value")),
         }
     }
 
-    fn nothing_more(&mut self, word: &OWord) -> Result<(), Fault> {
+    fn expect_no_values(&mut self, word: &OWord) -> Result<(), Fault> {
         self.values(word)?;
         if self.flow.arguments.is_empty() {
             return Ok(());
         }
-        Err(order(word, "takes no value"))
+        Err(order_fault(word, "takes no value"))
     }
 }
 
 #[cold]
-pub(crate) fn order(word: &OWord, what: &str) -> Fault {
+pub(crate) fn order_fault(word: &OWord, what: &str) -> Fault {
     let message = format!("O<{}> {} {what}", word.name.as_str(), word.keyword.name());
     Fault::new(Code::OWordOrder, word.span, message)
 }

@@ -40,7 +40,7 @@ pub struct Approach {
     /// Commands: the tool, then spindle and coolant, then moves, each of which ends at rest.
     pub commands: Vec<CanonicalCommand>,
     /// The moves for display, one per line: `Z to 100.000, rapid`.
-    pub told: Vec<String>,
+    pub descriptions: Vec<String>,
 }
 
 /// Length of the last part of an approach, which uses the feed instead of rapid.
@@ -60,7 +60,7 @@ impl Restart {
     pub fn approach(&self, from: &Axes, axis: AxisLetter, clear: f64) -> Result<Approach, Box<Diagnostic>> {
         let index = axis.index();
         let mut commands: Vec<CanonicalCommand> = Vec::new();
-        let mut told = Vec::new();
+        let mut descriptions = Vec::new();
         for action in &self.actions {
             commands.push(CanonicalCommand {
                 line: self.line,
@@ -74,34 +74,34 @@ impl Restart {
         }
         let mut out = *from;
         out[index] = from[index].max(self.position[index]).max(clear);
-        let mut over = self.position;
-        over[index] = out[index];
-        let mut near = self.position;
-        near[index] = out[index].min(self.position[index] + SLOW_APPROACH_MM);
-        let creep = MoveKind::Feed;
+        let mut above = self.position;
+        above[index] = out[index];
+        let mut slow_start = self.position;
+        slow_start[index] = out[index].min(self.position[index] + SLOW_APPROACH_MM);
+        let slow = MoveKind::Feed;
         let feed = self.feed_mm_s.unwrap_or(SLOW_APPROACH_FEED_MM_S);
-        let mut at = *from;
-        for (to, kind) in [
+        let mut position = *from;
+        for (end, kind) in [
             (out, MoveKind::Rapid),
-            (over, MoveKind::Rapid),
-            (near, MoveKind::Rapid),
-            (self.position, creep),
+            (above, MoveKind::Rapid),
+            (slow_start, MoveKind::Rapid),
+            (self.position, slow),
         ] {
-            if to == at {
+            if end == position {
                 continue;
             }
-            let line = Line::new(at, to).map_err(|error| {
-                let place = Span::new(0, 0);
+            let line = Line::new(position, end).map_err(|error| {
+                let span = Span::new(0, 0);
                 let message = format!("the start of line {} cannot be approached: {error}", self.line);
-                Box::new(Fault::new(Code::RestartRefused, place, message).locate(self.line, b""))
+                Box::new(Fault::new(Code::RestartRefused, span, message).locate(self.line, b""))
             })?;
             let axes = AxisLetter::ALL
                 .into_iter()
-                .filter(|axis| to[axis.index()] != at[axis.index()]);
+                .filter(|axis| end[axis.index()] != position[axis.index()]);
             let words: Vec<String> = axes
-                .map(|axis| format!("{} to {:.3}", axis.letter(), to[axis.index()]))
+                .map(|axis| format!("{} to {:.3}", axis.letter(), end[axis.index()]))
                 .collect();
-            told.push(match kind {
+            descriptions.push(match kind {
                 MoveKind::Rapid => format!("{}, rapid", words.join(", ")),
                 MoveKind::Feed => format!("{}, at {:.1} mm/min", words.join(", "), 60.0 * feed),
             });
@@ -123,9 +123,12 @@ impl Restart {
                 feed_spindle: 0,
                 continues: false,
             });
-            at = to;
+            position = end;
         }
-        Ok(Approach { commands, told })
+        Ok(Approach {
+            commands,
+            descriptions,
+        })
     }
 }
 
@@ -139,7 +142,7 @@ impl<R: BufRead> Interpreter<R> {
     /// [`Code::RestartRefused`] if the program ends before the line, the line is inside cutter compensation
     /// or a NURBS, or a probing move comes before it: offsets and positions may depend on an unknown contact.
     /// A line that continues a thread is no error here, but the first command is
-    /// ([`Interpreter::begins_behind_thread`]).
+    /// ([`Interpreter::starts_after_thread`]).
     pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
         let tool = self.state().tool;
         let mut executed = 0_u64;
@@ -147,32 +150,32 @@ impl<R: BufRead> Interpreter<R> {
         let waits_succeed = std::mem::replace(&mut self.settings.waits_succeed, true);
         // An earlier run has changed and measured the tools, and the tool table contains their lengths and
         // pockets, so the tool-change subroutine is not executed. In an MDI block it is.
-        let changer = (self.settings.features.tool_change).take_if(|_| !self.settings.is_block);
-        while self.next_of_program() < line || self.is_inside() {
+        let changer = (self.settings.features.tool_change).take_if(|_| !self.settings.is_mdi);
+        while self.next_program_line() < line || self.is_inside() {
             executed += 1;
             if executed > self.settings.limits.max_lines_before_start {
                 return Err(Box::new(self.endless_loop(line)));
             }
-            if self.next_of_program() == line
+            if self.next_program_line() == line
                 && let Some(inside) = self.inside_subroutine(line)
             {
                 return Err(Box::new(inside));
             }
-            let probed = match self.step_silently() {
-                Ok(probed) => probed,
+            let probing_line = match self.execute_without_output() {
+                Ok(probing_line) => probing_line,
                 // A probing move of this block has no result here, so the (ABORT) may follow from an earlier
                 // result; the check of the block decides about it.
                 Err(diagnostic)
-                    if self.settings.is_block && has_probed && diagnostic.code == Code::ActiveComment =>
+                    if self.settings.is_mdi && has_probed && diagnostic.code == Code::ActiveComment =>
                 {
                     self.finished = false;
                     None
                 }
                 Err(diagnostic) => return Err(diagnostic),
             };
-            has_probed |= probed.is_some();
-            if let Some(probing) = probed.filter(|_| !self.settings.is_block) {
-                return Err(Box::new(self.depends_on_contact(line, probing)));
+            has_probed |= probing_line.is_some();
+            if let Some(line_of_probe) = probing_line.filter(|_| !self.settings.is_mdi) {
+                return Err(Box::new(self.depends_on_contact(line, line_of_probe)));
             }
             if self.is_finished() {
                 return Err(Box::new(self.after_the_end(line)));
@@ -184,7 +187,7 @@ impl<R: BufRead> Interpreter<R> {
         }
         let state = *self.state();
         let is_compensating = state.cutter.is_on();
-        if is_compensating && self.settings.is_block {
+        if is_compensating && self.settings.is_mdi {
             let help =
                 "put the lines from G41 or G42 to G40 into a program, or into a subroutine that MDI calls";
             return Err(Box::new(self.reject_block(
@@ -197,7 +200,7 @@ impl<R: BufRead> Interpreter<R> {
                 self.reject(format!("line {line} is inside cutter compensation")),
             ));
         }
-        if state.nurbs_order.is_some() && self.settings.is_block {
+        if state.nurbs_order.is_some() && self.settings.is_mdi {
             let help = "put the lines from G5.2 to G5.3 into a program, or into a subroutine that MDI calls";
             return Err(Box::new(self.reject_block(
                 "a NURBS cannot be written in MDI: it needs the lines after its first",
@@ -217,7 +220,7 @@ impl<R: BufRead> Interpreter<R> {
         // Switches off what was on before the program and is off now.
         let before = self.settings.outputs;
         for (number, spindle) in state.modes.spindles.iter().enumerate() {
-            if spindle.turns() || before.spindles[number].turns() {
+            if spindle.is_rotating() || before.spindles[number].is_rotating() {
                 actions.push(state.spindle_action(number));
             }
             if let Some(angle) = spindle.orientation {
@@ -230,13 +233,13 @@ impl<R: BufRead> Interpreter<R> {
                 flood: state.modes.flood,
             });
         }
-        actions.extend(std::mem::take(&mut self.outputs_left).into_values());
-        actions.extend(state.overrides_left());
+        actions.extend(std::mem::take(&mut self.changed_outputs).into_values());
+        actions.extend(state.changed_overrides());
         Ok(Restart {
-            line: self.next_of_program(),
+            line: self.next_program_line(),
             position: state.position,
             actions,
-            modes: state.shown(),
+            modes: state.mode_line(),
             feed_mm_s: state.feed_mm_s(),
             feed_word: state.feed_word(),
         })
@@ -267,10 +270,10 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    fn depends_on_contact(&self, line: u32, probing: u32) -> Diagnostic {
+    fn depends_on_contact(&self, line: u32, probe_line: u32) -> Diagnostic {
         let message = format!(
-            "line {line} comes after the probing move of line {probing}, whose contact is not known, and the \
-             lines after it depend on it"
+            "line {line} comes after the probing move of line {probe_line}, whose contact is not known, and \
+             the lines after it depend on it"
         );
         Fault::new(
             Code::RestartRefused,
@@ -321,8 +324,8 @@ impl<R: BufRead> Interpreter<R> {
     /// Whether the lines before a restart end with a section of a thread. The first command is then an error
     /// ([`Code::RestartRefused`]) if it is another section of it.
     #[must_use]
-    pub fn begins_behind_thread(&self) -> bool {
-        self.thread_before.is_some_and(|thread| thread.is_open())
+    pub fn starts_after_thread(&self) -> bool {
+        self.preceding_thread.is_some_and(|thread| thread.is_open())
     }
 
     /// A further section of a thread continues at the spindle angle at which the previous section ended;
@@ -340,8 +343,8 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     fn reject_here(&self, message: String) -> Diagnostic {
-        let place = Span::new(0, self.current.text.len());
-        Fault::new(Code::RestartRefused, place, message)
+        let span = Span::new(0, self.current.text.len());
+        Fault::new(Code::RestartRefused, span, message)
             .help("choose a line between two operations, such as a rapid move to the next one")
             .locate(self.current.number, &self.current.text)
     }
@@ -349,7 +352,7 @@ impl<R: BufRead> Interpreter<R> {
 
 impl State {
     /// The overrides set by M48 to M53, if they differ from those at the start.
-    fn overrides_left(&self) -> Option<Action> {
+    fn changed_overrides(&self) -> Option<Action> {
         let modes = &self.modes;
         let (feed, spindles) = (modes.feed_override, modes.spindle_override);
         let is_as_at_start =
@@ -376,10 +379,10 @@ impl State {
     }
 
     /// The spindles as codes: spindle 0, and others that rotate.
-    fn shown_spindles(&self) -> Vec<String> {
+    fn spindle_words(&self) -> Vec<String> {
         let mut words = Vec::new();
         for (number, spindle) in self.modes.spindles.iter().enumerate() {
-            if number > 0 && !spindle.turns() && spindle.orientation.is_none() {
+            if number > 0 && !spindle.is_rotating() && spindle.orientation.is_none() {
                 continue;
             }
             words.push(format!("S{}", spindle.speed.word()));
@@ -391,12 +394,12 @@ impl State {
             }
             words.push(match (spindle.direction, spindle.orientation) {
                 (SpindleDirection::Stopped, Some(angle)) => {
-                    let way = match angle.direction {
+                    let direction = match angle.direction {
                         Some(SpindleDirection::Clockwise) => " P1",
                         Some(SpindleDirection::CounterClockwise) => " P2",
                         _ => "",
                     };
-                    format!("M19 R{}{way}", angle.degrees)
+                    format!("M19 R{}{direction}", angle.degrees)
                 }
                 (SpindleDirection::Stopped, None) => "M5".to_owned(),
                 (SpindleDirection::Clockwise, _) => "M3".to_owned(),
@@ -410,7 +413,7 @@ impl State {
     }
 
     /// The modes as a line of codes.
-    fn shown(&self) -> String {
+    fn mode_line(&self) -> String {
         let modes = &self.modes;
         let mut words = vec![self.motion.name().to_owned()];
         words.push(
@@ -459,7 +462,7 @@ impl State {
                 word
             }
         });
-        words.push(either(modes.retract_to_old, "G98", "G99"));
+        words.push(either(modes.retract_to_initial, "G98", "G99"));
         words.push(either(modes.diameter, "G7", "G8"));
         words.push(either(self.cutter.code == Compensation::Off, "G40", "G41"));
         words.push(either(self.tool_offset == Axes::zeros(), "G49", "G43"));
@@ -474,21 +477,21 @@ impl State {
             });
         }
         // From S on, the state of the periphery.
-        words.extend(self.shown_spindles());
+        words.extend(self.spindle_words());
         words.push(format!("T{}", self.tool));
         for (on, code) in [(modes.mist, "M7"), (modes.flood, "M8")] {
             if on {
                 words.push(code.to_owned());
             }
         }
-        for (counts, code) in [
+        for (is_default, code) in [
             (modes.feed_override, "M50 P0"),
             (modes.spindle_override == [true; SPINDLES], "M51 P0"),
             (modes.adaptive != Some(true), "M52 P1"),
             (modes.adaptive != Some(false), "M52 P0"),
             (modes.feed_stop, "M53 P0"),
         ] {
-            if !counts {
+            if !is_default {
                 words.push(code.to_owned());
             }
         }

@@ -51,7 +51,7 @@ impl SurfaceFeed {
     }
 
     /// A command, or its first piece.
-    pub(crate) fn divide(&mut self, command: CanonicalCommand) -> CanonicalCommand {
+    pub(crate) fn split(&mut self, command: CanonicalCommand) -> CanonicalCommand {
         self.set_speed(&command.action);
         let is_fed = matches!(&command.action, Action::Move(motion) if motion.kind == MoveKind::Feed);
         if !is_fed || self.speed_of(&command).is_none() || command.feed_mm_rev.is_none() {
@@ -98,17 +98,17 @@ fn next_piece(speed: &SpindleSpeed, curve: &Curve, done_mm: f64, length_mm: f64)
     let max_rpm = speed.max_rpm();
     let range = |end_mm: f64| range_rpm(speed, curve, done_mm, end_mm);
     let is_even = |(slow, fast): (f64, f64)| fast <= MAX_SPEED_RATIO * slow;
-    let is_divisible = curve.part(done_mm, 0.5 * (done_mm + length_mm)).is_some();
+    let is_splittable = curve.part(done_mm, 0.5 * (done_mm + length_mm)).is_some();
     let crosses_max =
         |(slow, fast): (f64, f64)| fast >= AT_MAX * max_rpm && slow < AT_MAX * max_rpm && slow < fast;
     let mut end_mm = length_mm;
-    if is_divisible && crosses_max(range(end_mm)) {
+    if is_splittable && crosses_max(range(end_mm)) {
         let at_mm = bisect(done_mm, end_mm, 0.0, |at_mm| !crosses_max(range(at_mm))).1;
         if at_mm - done_mm > MIN_PIECE_MM && length_mm - at_mm > MIN_PIECE_MM {
             end_mm = at_mm;
         }
     }
-    if is_divisible && !is_even(range(end_mm)) && end_mm - done_mm > 2.0 * MIN_PIECE_MM {
+    if is_splittable && !is_even(range(end_mm)) && end_mm - done_mm > 2.0 * MIN_PIECE_MM {
         let (even_mm, _) = bisect(done_mm, end_mm, END_FRACTION, |at_mm| is_even(range(at_mm)));
         // Leaves no remainder that is too short.
         end_mm = even_mm.clamp(done_mm + MIN_PIECE_MM, end_mm - MIN_PIECE_MM);
@@ -127,11 +127,11 @@ fn next_piece(speed: &SpindleSpeed, curve: &Curve, done_mm: f64, length_mm: f64)
 /// The position before `high_mm` at which a property that holds at first is lost: one position at which it
 /// holds and one at which it does not. Their distance is at most `fraction` of that of the first from
 /// `from_mm`, or rounding.
-fn bisect(from_mm: f64, high_mm: f64, fraction: f64, holds: impl Fn(f64) -> bool) -> (f64, f64) {
+fn bisect(from_mm: f64, high_mm: f64, fraction: f64, predicate: impl Fn(f64) -> bool) -> (f64, f64) {
     let (mut low_mm, mut high_mm) = (from_mm, high_mm);
     for _ in 0..MAX_BISECTIONS {
         let middle_mm = 0.5 * (low_mm + high_mm);
-        if holds(middle_mm) {
+        if predicate(middle_mm) {
             low_mm = middle_mm;
         } else {
             high_mm = middle_mm;

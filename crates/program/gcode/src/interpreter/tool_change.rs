@@ -1,28 +1,28 @@
 //! M6 by a subroutine of the machine: the line is divided at the change.
 //!
-//! T and M6 are executed first, then the subroutine, then the tool counts as changed, then the rest of the
-//! line is executed. The subroutine sees the modes of the line and leaves none of its own.
+//! T and M6 are executed first, then the subroutine, then the change takes effect, then the rest of the
+//! line is executed. The subroutine starts with the modes of the line; its own modes are discarded.
 
 use std::io::BufRead;
 
 use crate::codes::modal_groups::{Group, MCode, Motion};
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::execution::execute::ToolCall;
-use crate::interpreter::{Interpreter, Place};
-use crate::parameters::names::Normal;
+use crate::execution::execute::ToolChangeCall;
+use crate::interpreter::{Interpreter, SourceLocation};
+use crate::parameters::names::NormalizedName;
 use crate::state::machine_state::{CycleModal, Modes};
 use crate::syntax::statement::Statement;
 use crate::{Action, Code};
 
 /// A line with M6 while its subroutine is active, and until its rest has been executed.
 #[derive(Debug)]
-pub(crate) struct DividedLine {
+pub(crate) struct SplitLine {
     tool: u32,
     /// The rest of the line.
     rest: Statement,
     text: Vec<u8>,
     line: u32,
-    place: Place,
+    location: SourceLocation,
     modes: Modes,
     motion: Motion,
     cycle: CycleModal,
@@ -30,26 +30,26 @@ pub(crate) struct DividedLine {
 
 /// The next step of a divided line.
 #[derive(Debug)]
-pub(crate) enum Resumed {
-    /// The tool counts as changed.
-    Changed(Box<DividedLine>),
+pub(crate) enum LineContinuation {
+    /// The tool change takes effect.
+    ToolChanged(Box<SplitLine>),
     /// The rest of the line.
-    Rest(Box<DividedLine>),
+    Rest(Box<SplitLine>),
 }
 
 impl<R: BufRead> Interpreter<R> {
     /// Whether the tool-change subroutine is active.
-    fn is_changing(&self) -> bool {
-        self.flow.frames.iter().any(|frame| frame.change.is_some())
+    fn is_changing_tool(&self) -> bool {
+        self.flow.frames.iter().any(|frame| frame.tool_change.is_some())
     }
 
     /// Whether the present line has to be divided.
-    pub(crate) fn divides(&self) -> Result<bool, Fault> {
+    pub(crate) fn needs_split(&self) -> Result<bool, Fault> {
         if self.settings.features.tool_change.is_none() {
             return Ok(false);
         }
         let changes = self.current.statement.m(Group::ToolChange) == Some(MCode::ToolChange);
-        if self.is_changing() {
+        if self.is_changing_tool() {
             let ends = matches!(self.current.statement.m(Group::Stop), Some(MCode::End(_)));
             if let Some((group, message)) = [
                 (changes, Group::ToolChange, "M6 in the tool-change subroutine"),
@@ -68,36 +68,40 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// Executes a line with M6 up to the change, and calls the subroutine if another tool is requested.
-    pub(crate) fn divide(&mut self) -> Result<(), Fault> {
-        let rest = self.current.statement.divide();
+    pub(crate) fn split_at_tool_change(&mut self) -> Result<(), Fault> {
+        let rest = self.current.statement.split_at_tool_change();
         self.execute_statement()?;
         // The call has pushed a frame without the rest of its line.
-        let Some(tool) = self.begun_change.take() else {
+        let Some(tool) = self.started_change.take() else {
             self.current.statement = rest;
             return self.execute_statement();
         };
-        let divided = DividedLine {
+        let split = SplitLine {
             tool,
             rest,
             text: self.current.text.clone(),
             line: self.current.number,
-            place: self.current.place.clone(),
+            location: self.current.location.clone(),
             modes: self.state.modes,
             motion: self.state.motion,
-            cycle: self.state.sticky,
+            cycle: self.state.cycle,
         };
-        self.frame().change = Some(Box::new(divided));
+        self.frame().tool_change = Some(Box::new(split));
         self.state.is_changing_tool = true;
         Ok(())
     }
 
     /// Enters the tool-change subroutine.
-    pub(crate) fn call_tool_change_subroutine(&mut self, call: &ToolCall, span: Span) -> Result<(), Fault> {
+    pub(crate) fn call_tool_change_subroutine(
+        &mut self,
+        call: &ToolChangeCall,
+        span: Span,
+    ) -> Result<(), Fault> {
         let name = match &self.settings.features.tool_change {
             Some(changer) => changer.subroutine.clone(),
             None => return Ok(()),
         };
-        let named = Normal::new(name.as_bytes());
+        let named = NormalizedName::new(name.as_bytes());
         let Some((text, label)) =
             named.and_then(|text| self.flow.labels.intern_label(&text).map(|label| (text, label)))
         else {
@@ -120,44 +124,44 @@ impl<R: BufRead> Interpreter<R> {
                 fault
             }
         })?;
-        self.begun_change = Some(call.tool);
+        self.started_change = Some(call.tool);
         Ok(())
     }
 
     /// Continues a divided line.
-    pub(crate) fn resume_line(&mut self, resumed: Resumed) -> Result<(), Fault> {
-        match resumed {
-            Resumed::Changed(divided) => {
-                self.at_line_of(&divided);
-                self.restore(divided.modes);
-                self.state.motion = divided.motion;
-                self.state.sticky = divided.cycle;
+    pub(crate) fn continue_line(&mut self, continuation: LineContinuation) -> Result<(), Fault> {
+        match continuation {
+            LineContinuation::ToolChanged(split) => {
+                self.restore_line(&split);
+                self.restore(split.modes);
+                self.state.motion = split.motion;
+                self.state.cycle = split.cycle;
                 self.state.is_changing_tool = false;
                 let mut state = self.state;
                 let statement = Statement::default();
-                let number = self.shown_line();
+                let number = self.program_line();
                 let mut executor = self.executor(&statement, &mut state, number);
-                executor.move_pockets(divided.tool);
-                executor.load_tool(divided.tool);
-                executor.out(Action::ChangeTool(divided.tool));
+                executor.swap_pockets(split.tool);
+                executor.load_tool(split.tool);
+                executor.emit(Action::ChangeTool(split.tool));
                 self.parameters.commit();
                 self.state = state;
-                self.resumed = Some(Resumed::Rest(divided));
+                self.continuation = Some(LineContinuation::Rest(split));
                 Ok(())
             }
-            Resumed::Rest(divided) => {
-                self.at_line_of(&divided);
-                self.current.statement = divided.rest;
+            LineContinuation::Rest(split) => {
+                self.restore_line(&split);
+                self.current.statement = split.rest;
                 self.execute_statement()
             }
         }
     }
 
     /// Restores the position of the divided line, for error messages.
-    fn at_line_of(&mut self, divided: &DividedLine) {
-        self.current.place = divided.place.clone();
-        self.current.number = divided.line;
-        self.current.text.clone_from(&divided.text);
-        self.flow.has_moved = true;
+    fn restore_line(&mut self, split: &SplitLine) {
+        self.current.location = split.location.clone();
+        self.current.number = split.line;
+        self.current.text.clone_from(&split.text);
+        self.flow.location_changed = true;
     }
 }

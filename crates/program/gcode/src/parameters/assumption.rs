@@ -35,15 +35,15 @@ pub(crate) struct Assumption {
     /// The value that the last subroutine returned.
     returned: bool,
     /// Whether the present line has read one of them.
-    is_read: Cell<bool>,
+    values_depend: Cell<bool>,
     /// Whether the present line is in a branch that depends on the result.
     pub(crate) is_in_branch: bool,
     /// Whether any condition so far depended on it: from then on it is uncertain which lines are executed.
     pub(crate) has_branched: bool,
     /// File and line of each M2 and M30 that was skipped because it depends on the result.
-    pub(crate) passed_ends: BTreeSet<(Option<Arc<str>>, u32)>,
+    pub(crate) skipped_ends: BTreeSet<(Option<Arc<str>>, u32)>,
     /// Number of further times that one was skipped: a maximum ends loops.
-    pub(crate) passed_again: u32,
+    pub(crate) repeated_skips: u32,
     /// The position along each axis.
     pub(crate) position: [bool; AXES],
     /// The positions of G28 and G30.
@@ -56,17 +56,17 @@ pub(crate) struct Assumption {
 
 impl Assumption {
     pub(crate) fn begin_line(&self) {
-        self.is_read.set(false);
+        self.values_depend.set(false);
     }
 
     /// Whether the values of the present line depend on the result.
-    pub(crate) fn is_read(&self) -> bool {
-        self.is_read.get()
+    pub(crate) fn values_depend(&self) -> bool {
+        self.values_depend.get()
     }
 
     /// Whether the effect of the present line depends on the result.
-    pub(crate) fn has_line(&self) -> bool {
-        self.is_read() || self.is_in_branch
+    pub(crate) fn line_depends(&self) -> bool {
+        self.values_depend() || self.is_in_branch
     }
 
     /// Records that an expression reads a numbered parameter.
@@ -83,7 +83,7 @@ impl Assumption {
             1..=LOCAL_NUMBERED => self.local.numbered.contains(&index),
             _ => self.global.numbered.contains(&index),
         };
-        self.is_read.set(self.is_read() || depends);
+        self.values_depend.set(self.values_depend() || depends);
     }
 
     #[cold]
@@ -97,18 +97,18 @@ impl Assumption {
                 _ => system == crate::parameters::system::System::Value && self.returned,
             },
         };
-        self.is_read.set(self.is_read() || depends);
+        self.values_depend.set(self.values_depend() || depends);
     }
 
     /// Records that the present line sets a numbered parameter.
     pub(crate) fn set_numbered(&mut self, index: usize) {
-        let depends = self.has_line();
+        let depends = self.line_depends();
         let dependents = if index <= LOCAL_NUMBERED {
             &mut self.local
         } else {
             &mut self.global
         };
-        mark(&mut dependents.numbered, index, depends);
+        set_dependent(&mut dependents.numbered, index, depends);
         if depends && (G92..TOOL_DIAMETER).contains(&index) {
             // Offsets that a program sets without G10.
             self.offset = [true; AXES];
@@ -117,10 +117,10 @@ impl Assumption {
 
     /// Records that the present line sets a named parameter.
     pub(crate) fn set_named(&mut self, id: NameId, kind: NameKind) {
-        let depends = self.has_line();
+        let depends = self.line_depends();
         match kind {
-            NameKind::Global => mark(&mut self.global.named, id, depends),
-            NameKind::Local => mark(&mut self.local.named, id, depends),
+            NameKind::Global => set_dependent(&mut self.global.named, id, depends),
+            NameKind::Local => set_dependent(&mut self.local.named, id, depends),
             NameKind::System(_) => {}
         }
     }
@@ -129,7 +129,7 @@ impl Assumption {
     pub(crate) fn enter(&mut self, arguments: usize) {
         let outer = std::mem::take(&mut self.local);
         self.outer.push(outer);
-        if self.has_line() {
+        if self.line_depends() {
             self.local.numbered.extend(1..=arguments);
         }
     }
@@ -137,16 +137,16 @@ impl Assumption {
     /// Leaves it.
     pub(crate) fn leave(&mut self) {
         self.local = self.outer.pop().unwrap_or_default();
-        self.returned = self.has_line();
+        self.returned = self.line_depends();
     }
 
     /// Whether an error of the present line may be due to the assumption alone.
     #[cold]
-    pub(crate) fn excuses(&self, code: Code, plane: [usize; 2], has_axes: bool) -> bool {
+    pub(crate) fn explains(&self, code: Code, plane: [usize; 2], has_axes: bool) -> bool {
         let is_unknown = |axis: usize| self.position[axis] || self.offset[axis];
         match code {
             Code::ActiveComment => self.has_branched,
-            Code::UndefinedParameter | Code::Arithmetic => self.has_line(),
+            Code::UndefinedParameter | Code::Arithmetic => self.line_depends(),
             Code::ArcNoChord
             | Code::ArcRadiusTooSmall
             | Code::ArcRadiusMismatch
@@ -159,9 +159,9 @@ impl Assumption {
             | Code::HoleRefused
             | Code::ProfileRefused
             | Code::CompensationEntry
-            | Code::CompensationGouge => self.has_line() || plane.into_iter().any(is_unknown),
+            | Code::CompensationGouge => self.line_depends() || plane.into_iter().any(is_unknown),
             Code::PositionTooLarge | Code::LineRefused | Code::OutOfRange => {
-                self.is_read() || has_axes && (self.is_in_branch || (0..AXES).any(is_unknown))
+                self.values_depend() || has_axes && (self.is_in_branch || (0..AXES).any(is_unknown))
             }
             Code::NotInteger
             | Code::Negative
@@ -170,13 +170,13 @@ impl Assumption {
             | Code::ArcTurns
             | Code::InvoluteTurns
             | Code::UnknownTool
-            | Code::SubroutineMissing => self.is_read(),
+            | Code::SubroutineMissing => self.values_depend(),
             _ => false,
         }
     }
 }
 
-fn mark<T: Ord>(set: &mut BTreeSet<T>, what: T, depends: bool) {
+fn set_dependent<T: Ord>(set: &mut BTreeSet<T>, what: T, depends: bool) {
     if depends {
         set.insert(what);
     } else {

@@ -8,45 +8,45 @@ use std::collections::BTreeSet;
 #[derive(Debug, Default)]
 pub(crate) struct ForeignReads {
     /// Of the present line.
-    last: Cell<Option<usize>>,
+    pending: Cell<Option<usize>>,
     /// Those that have been reported, or need no report.
-    told: BTreeSet<usize>,
+    reported: BTreeSet<usize>,
 }
 
 impl ForeignReads {
     /// Records that an expression reads a parameter that is 0.
     #[inline]
     pub(crate) fn read(&self, index: usize) {
-        if (3001..=5046).contains(&index) && name_here(index).is_some() {
-            self.last.set(Some(index));
+        if (3001..=5046).contains(&index) && equivalent(index).is_some() {
+            self.pending.set(Some(index));
         }
     }
 
     /// A parameter that the program sets is its own, with any value.
     pub(crate) fn set(&mut self, index: usize) {
-        if name_here(index).is_some() {
-            self.told.insert(index);
+        if equivalent(index).is_some() {
+            self.reported.insert(index);
         }
     }
 
     /// The warning of the present line, once for each variable.
     #[inline]
     pub(crate) fn take(&mut self) -> Option<String> {
-        self.last.take().and_then(|index| self.tell(index))
+        self.pending.take().and_then(|index| self.report(index))
     }
 
     #[cold]
-    fn tell(&mut self, index: usize) -> Option<String> {
-        let (what, here) = name_here(index).filter(|_| self.told.insert(index))?;
+    fn report(&mut self, index: usize) -> Option<String> {
+        let (meaning, advice) = equivalent(index).filter(|_| self.reported.insert(index))?;
         Some(format!(
-            "#{index}, {what} in other dialects, is an ordinary parameter here, and 0 because nothing has \
-             set it; {here}"
+            "#{index}, {meaning} in other dialects, is an ordinary parameter here, and 0 because nothing has \
+             set it; {advice}"
         ))
     }
 }
 
 /// The system variable of other dialects, and its equivalent here.
-fn name_here(index: usize) -> Option<(&'static str, &'static str)> {
+fn equivalent(index: usize) -> Option<(&'static str, &'static str)> {
     Some(match index {
         3001 | 3002 => ("a clock", "there is none"),
         3011 | 3012 => ("date and time", "there is none"),

@@ -34,12 +34,12 @@ pub(crate) struct Names {
 
 /// A normalised name: lower case, without spaces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Normal {
+pub(crate) struct NormalizedName {
     bytes: [u8; MAX_BYTES],
     length: usize,
 }
 
-impl Normal {
+impl NormalizedName {
     /// `None` if the name is empty, too long or not plain ASCII.
     pub(crate) fn new(text: &[u8]) -> Option<Self> {
         let mut bytes = [0; MAX_BYTES];
@@ -70,8 +70,8 @@ impl Normal {
             }
         }
         let mut bytes = [0; MAX_BYTES];
-        for (place, digit) in reversed[..length].iter().rev().enumerate() {
-            bytes[place] = *digit;
+        for (index, digit) in reversed[..length].iter().rev().enumerate() {
+            bytes[index] = *digit;
         }
         Self { bytes, length }
     }
@@ -87,7 +87,7 @@ impl Normal {
 
 impl Names {
     /// The number of a known name; predefined names are always known.
-    pub(crate) fn find(&self, name: &Normal) -> Option<(NameId, NameKind)> {
+    pub(crate) fn find(&self, name: &NormalizedName) -> Option<(NameId, NameKind)> {
         if let Some(&id) = self.ids.get(name.as_bytes()) {
             return Some((id, self.kinds[id as usize]));
         }
@@ -95,7 +95,7 @@ impl Names {
     }
 
     /// The number of a name, added if needed; `None` if there are too many.
-    pub(crate) fn intern(&mut self, name: &Normal) -> Option<(NameId, NameKind)> {
+    pub(crate) fn intern(&mut self, name: &NormalizedName) -> Option<(NameId, NameKind)> {
         if let Some(found) = self.find(name) {
             return Some(found);
         }
@@ -103,7 +103,7 @@ impl Names {
     }
 
     /// The number of the name of an O-word; none of them is predefined.
-    pub(crate) fn intern_label(&mut self, name: &Normal) -> Option<NameId> {
+    pub(crate) fn intern_label(&mut self, name: &NormalizedName) -> Option<NameId> {
         if let Some(&id) = self.ids.get(name.as_bytes()) {
             return Some(id);
         }
@@ -125,7 +125,7 @@ impl Names {
         })
     }
 
-    fn add(&mut self, name: &Normal) -> Option<(NameId, NameKind)> {
+    fn add(&mut self, name: &NormalizedName) -> Option<(NameId, NameKind)> {
         if self.kinds.len() >= MAX_NAMES {
             return None;
         }
@@ -168,10 +168,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn case_and_blanks_do_not_tell_names_apart() {
+    fn names_ignore_case_and_blanks() {
         let mut names = Names::default();
-        let id =
-            |names: &mut Names, text: &str| names.intern(&Normal::new(text.as_bytes()).unwrap()).unwrap();
+        let id = |names: &mut Names, text: &str| {
+            names
+                .intern(&NormalizedName::new(text.as_bytes()).unwrap())
+                .unwrap()
+        };
         let first = id(&mut names, "Tool Width");
         assert_eq!(first, id(&mut names, "tool\twidth"));
         assert_ne!(first.0, id(&mut names, "toolwidth2").0);
@@ -180,17 +183,17 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_names_too() {
+    fn numbers_are_valid_names() {
         for number in [0, 7, 10, 1234, u32::MAX] {
-            assert_eq!(Normal::of_number(number).as_str(), number.to_string());
+            assert_eq!(NormalizedName::of_number(number).as_str(), number.to_string());
         }
     }
 
     #[test]
-    fn names_are_plain_text_of_some_length() {
-        assert!(Normal::new(b"  ").is_none());
-        assert!(Normal::new(b"caf\xc3\xa9").is_none());
-        assert!(Normal::new(&[b'a'; MAX_BYTES]).is_some());
-        assert!(Normal::new(&[b'a'; MAX_BYTES + 1]).is_none());
+    fn names_are_ascii_of_limited_length() {
+        assert!(NormalizedName::new(b"  ").is_none());
+        assert!(NormalizedName::new(b"caf\xc3\xa9").is_none());
+        assert!(NormalizedName::new(&[b'a'; MAX_BYTES]).is_some());
+        assert!(NormalizedName::new(&[b'a'; MAX_BYTES + 1]).is_none());
     }
 }

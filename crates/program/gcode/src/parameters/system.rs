@@ -81,8 +81,8 @@ impl System {
         if !name.starts_with('_') {
             return None;
         }
-        let place = TABLE.binary_search_by(|(text, _)| (*text).cmp(name)).ok()?;
-        Some(TABLE[place].1)
+        let index = TABLE.binary_search_by(|(text, _)| (*text).cmp(name)).ok()?;
+        Some(TABLE[index].1)
     }
 
     /// The axis index of `_x` and similar names.

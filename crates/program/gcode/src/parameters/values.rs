@@ -9,7 +9,7 @@ use evolvent_path::{AXES, Axes};
 use crate::Tool;
 use crate::parameters::assumption::Assumption;
 use crate::parameters::foreign_reads::ForeignReads;
-use crate::parameters::names::{NameId, NameKind, Names, Normal};
+use crate::parameters::names::{NameId, NameKind, Names, NormalizedName};
 
 /// The largest parameter number plus one.
 pub(crate) const NUMBERED: usize = 5602;
@@ -74,7 +74,7 @@ pub(crate) struct Parameters {
     undo: Vec<Change>,
     /// The value returned by the last subroutine.
     pub(crate) returned: Option<f64>,
-    /// What depends on assumed contacts; none before the first.
+    /// Values that depend on assumed contacts; `None` before the first.
     pub(crate) assumption: Option<Box<Assumption>>,
     pub(crate) foreign_reads: ForeignReads,
 }
@@ -103,14 +103,14 @@ impl Parameters {
     /// Whether a numbered parameter is a length that is stored in mm: the linear axes of G28, G30, G92, the
     /// work offsets and the tool, and its diameter.
     pub(crate) fn is_stored_length(index: usize) -> bool {
-        let nine_from = |first: usize| index.checked_sub(first).filter(|axis| *axis < AXES);
-        let of_work = || {
+        let axis_from = |first: usize| index.checked_sub(first).filter(|axis| *axis < AXES);
+        let work_axis = || {
             (WORK_OFFSET_1..TOOL)
                 .contains(&index)
                 .then(|| (index - WORK_OFFSET_1) % 20)
         };
-        let others = [HOME_G28, HOME_G30, G92, TOOL + 1];
-        let axis = others.into_iter().find_map(nine_from).or_else(of_work);
+        let axis_parameters = [HOME_G28, HOME_G30, G92, TOOL + 1];
+        let axis = axis_parameters.into_iter().find_map(axis_from).or_else(work_axis);
         index == TOOL_DIAMETER || matches!(axis, Some(0..=2 | 6..=8))
     }
 
@@ -133,7 +133,7 @@ impl Parameters {
     pub(crate) fn publish_tool(&mut self, tool: &Tool) {
         self.set_numbered(TOOL, f64::from(tool.number));
         self.set_axes(TOOL + 1, &tool.offset);
-        for (place, value) in [
+        for (index, value) in [
             tool.diameter_mm,
             tool.front_angle_deg,
             tool.back_angle_deg,
@@ -142,7 +142,7 @@ impl Parameters {
         .into_iter()
         .enumerate()
         {
-            self.set_numbered(TOOL_DIAMETER + place, value);
+            self.set_numbered(TOOL_DIAMETER + index, value);
         }
     }
 
@@ -166,34 +166,34 @@ impl Parameters {
         match kind {
             NameKind::Global => self.globals.get(id as usize).copied().flatten(),
             NameKind::Local => {
-                let mut mine = self.locals[self.base..].iter();
-                mine.find(|(name, _)| *name == id).map(|(_, value)| *value)
+                let mut locals = self.locals[self.base..].iter();
+                locals.find(|(name, _)| *name == id).map(|(_, value)| *value)
             }
             NameKind::System(_) => None,
         }
     }
 
     /// Writes a named parameter. False if there are too many names, or if the name is predefined.
-    pub(crate) fn set_named(&mut self, name: &Normal, value: f64) -> bool {
+    pub(crate) fn set_named(&mut self, name: &NormalizedName, value: f64) -> bool {
         let Some((id, kind)) = self.names.intern(name) else {
             return false;
         };
         match kind {
             NameKind::System(_) => return false,
             NameKind::Global => {
-                let place = id as usize;
-                if self.globals.len() <= place {
-                    self.globals.resize(place + 1, None);
+                let index = id as usize;
+                if self.globals.len() <= index {
+                    self.globals.resize(index + 1, None);
                 }
-                self.undo.push(Change::Global(id, self.globals[place]));
-                self.globals[place] = Some(value);
+                self.undo.push(Change::Global(id, self.globals[index]));
+                self.globals[index] = Some(value);
             }
             NameKind::Local => {
                 let found = self.locals[self.base..].iter().position(|(name, _)| *name == id);
-                if let Some(place) = found {
-                    let place = self.base + place;
-                    self.undo.push(Change::Local(place, self.locals[place].1));
-                    self.locals[place].1 = value;
+                if let Some(index) = found {
+                    let index = self.base + index;
+                    self.undo.push(Change::Local(index, self.locals[index].1));
+                    self.locals[index].1 = value;
                 } else {
                     self.undo.push(Change::NewLocal);
                     self.locals.push((id, value));
@@ -226,7 +226,7 @@ impl Parameters {
             match change {
                 Change::Numbered(index, value) => self.numbered[index] = value,
                 Change::Global(id, value) => self.globals[id as usize] = value,
-                Change::Local(place, value) => self.locals[place].1 = value,
+                Change::Local(index, value) => self.locals[index].1 = value,
                 Change::NewLocal => {
                     self.locals.pop();
                 }
@@ -243,8 +243,8 @@ impl Parameters {
             locals: self.base,
         });
         self.base = self.locals.len();
-        for (place, slot) in self.numbered[1..=LOCAL_NUMBERED].iter_mut().enumerate() {
-            *slot = arguments.get(place).copied().unwrap_or(0.0);
+        for (index, slot) in self.numbered[1..=LOCAL_NUMBERED].iter_mut().enumerate() {
+            *slot = arguments.get(index).copied().unwrap_or(0.0);
         }
         if let Some(assumption) = &mut self.assumption {
             assumption.enter(arguments.len());
@@ -275,8 +275,8 @@ impl Parameters {
 mod tests {
     use super::*;
 
-    fn name(text: &str) -> Normal {
-        Normal::new(text.as_bytes()).unwrap()
+    fn name(text: &str) -> NormalizedName {
+        NormalizedName::new(text.as_bytes()).unwrap()
     }
 
     fn read(parameters: &Parameters, text: &str) -> Option<f64> {
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn a_roll_back_restores_every_kind_of_parameter() {
+    fn a_rollback_restores_every_kind_of_parameter() {
         let mut parameters = Parameters::new();
         parameters.set_numbered(7, 1.0);
         assert!(parameters.set_named(&name("a"), 2.0) && parameters.set_named(&name("_global"), 3.0));

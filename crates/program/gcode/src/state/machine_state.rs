@@ -7,7 +7,7 @@ use crate::execution::compensation::CutterState;
 use crate::execution::cycles::fanuc_threads::FanucThread;
 use crate::parameters::system::System;
 use crate::parameters::values::{G92, G92_ACTIVE, Parameters, WORK_OFFSET, WORK_OFFSET_1};
-use crate::state::rotation::{Rotation, rotation_of, turn, turn_back};
+use crate::state::rotation::{Rotation, rotate, rotate_back, rotation_of};
 use crate::state::tool_pockets::ToolPockets;
 use crate::{Action, PathMode, SPINDLES, Settings, SpindleDirection, SpindleOutput};
 
@@ -126,7 +126,7 @@ pub(crate) struct SpindleModes {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SpindleAngle {
     pub(crate) degrees: f64,
-    /// None for the shorter way.
+    /// `None` for the shorter direction.
     pub(crate) direction: Option<SpindleDirection>,
     /// 0 for none.
     pub(crate) timeout_s: f64,
@@ -145,10 +145,10 @@ impl SpindleAngle {
 
 impl SpindleModes {
     /// At the start of a program, or of an MDI block.
-    fn new(output: &SpindleOutput, is_block: bool) -> Self {
+    fn new(output: &SpindleOutput, is_mdi: bool) -> Self {
         // A program starts in G97, where metres per minute are not a speed; an MDI block continues in the
         // active mode.
-        let surface = output.surface.filter(|_| is_block);
+        let surface = output.surface.filter(|_| is_mdi);
         Self {
             direction: output.direction,
             speed: match (surface, output.surface) {
@@ -164,7 +164,7 @@ impl SpindleModes {
         }
     }
 
-    pub(crate) fn turns(&self) -> bool {
+    pub(crate) fn is_rotating(&self) -> bool {
         self.direction != SpindleDirection::Stopped
     }
 
@@ -200,7 +200,7 @@ pub(crate) struct Modes {
     pub(crate) feed: Option<ProgrammedFeed>,
     pub(crate) path_mode: PathMode,
     pub(crate) work_index: usize,
-    pub(crate) retract_to_old: bool,
+    pub(crate) retract_to_initial: bool,
     pub(crate) diameter: bool,
     pub(crate) spindles: [SpindleModes; SPINDLES],
     /// The spindle that G95 refers to.
@@ -224,11 +224,11 @@ pub(crate) struct CycleModal {
     pub(crate) q: Option<f64>,
     pub(crate) p: Option<f64>,
     /// Height of the tool before the first line of this and other cycles without another motion between them.
-    pub(crate) old: f64,
+    pub(crate) initial_height: f64,
     /// Index of the axis of the holes.
-    pub(crate) along: usize,
+    pub(crate) drill_axis: usize,
     /// The active cycle.
-    pub(crate) running: Option<Motion>,
+    pub(crate) active: Option<Motion>,
 }
 
 /// All state between lines. `Copy`: a line works on a copy, which replaces the original only if the whole
@@ -252,7 +252,7 @@ pub(crate) struct State {
     pub(crate) pockets: ToolPockets,
     /// The tool-change subroutine is active.
     pub(crate) is_changing_tool: bool,
-    pub(crate) sticky: CycleModal,
+    pub(crate) cycle: CycleModal,
     /// P and Q of the last G5, mm; the next one may continue its tangent.
     pub(crate) spline_end: Option<[f64; 2]>,
     /// Modal words of Fanuc's threads.
@@ -276,7 +276,7 @@ pub(crate) struct PlainMoveState {
     position: Axes,
     motion: Motion,
     feed: Option<ProgrammedFeed>,
-    running: Option<Motion>,
+    active_cycle: Option<Motion>,
     spline_end: Option<[f64; 2]>,
 }
 
@@ -295,13 +295,13 @@ impl State {
                 feed: None,
                 path_mode: settings.path_mode,
                 work_index: settings.offsets.active.min(settings.offsets.work.len() - 1),
-                retract_to_old: false,
+                retract_to_initial: false,
                 diameter: settings.diameter,
                 spindles: outputs
                     .spindles
-                    .map(|output| SpindleModes::new(&output, settings.is_block)),
+                    .map(|output| SpindleModes::new(&output, settings.is_mdi)),
                 feed_spindle: 0,
-                active_spindle: (settings.restored.active_spindle as usize).min(SPINDLES - 1),
+                active_spindle: (settings.preamble.active_spindle as usize).min(SPINDLES - 1),
                 mist: outputs.mist,
                 flood: outputs.flood,
                 feed_override: true,
@@ -317,7 +317,7 @@ impl State {
             selected_tool: settings.selected_tool,
             pockets: ToolPockets::of(settings.tool, settings.selected_tool, settings.tools.as_ref()),
             is_changing_tool: false,
-            sticky: CycleModal::default(),
+            cycle: CycleModal::default(),
             spline_end: None,
             fanuc_thread: FanucThread::default(),
             nurbs_order: None,
@@ -325,7 +325,7 @@ impl State {
             is_probed: false,
             is_g99_alone: false,
             ended: false,
-            unlimited: settings.features.unlimited.map(|way| way.is_some()),
+            unlimited: settings.features.unlimited.map(|direction| direction.is_some()),
         };
         state.work = settings.offsets.work[state.modes.work_index];
         state
@@ -344,7 +344,7 @@ impl State {
             position: self.position,
             motion: self.motion,
             feed: self.modes.feed,
-            running: self.sticky.running,
+            active_cycle: self.cycle.active,
             spline_end: self.spline_end,
         }
     }
@@ -353,7 +353,7 @@ impl State {
         self.position = plain_move_state.position;
         self.motion = plain_move_state.motion;
         self.modes.feed = plain_move_state.feed;
-        self.sticky.running = plain_move_state.running;
+        self.cycle.active = plain_move_state.active_cycle;
         self.spline_end = plain_move_state.spline_end;
     }
 
@@ -411,24 +411,24 @@ impl State {
         }
     }
 
-    fn turned(&self) -> bool {
+    fn is_rotated(&self) -> bool {
         self.rotation[0] != 0.0
     }
 
     /// Converts a vector from program to machine coordinates.
-    pub(crate) fn turn(&self, vector: Axes) -> Axes {
-        turn(self.rotation, vector)
+    pub(crate) fn rotate(&self, vector: Axes) -> Axes {
+        rotate(self.rotation, vector)
     }
 
     /// Converts a vector from machine to program coordinates.
-    pub(crate) fn turn_back(&self, vector: Axes) -> Axes {
-        turn_back(self.rotation, vector)
+    pub(crate) fn rotate_back(&self, vector: Axes) -> Axes {
+        rotate_back(self.rotation, vector)
     }
 
     /// Converts a point from program coordinates (mm, degrees) to machine coordinates.
-    pub(crate) fn machine_of(&self, program: Axes) -> Axes {
-        if self.turned() {
-            return self.turn(program + self.g92) + self.work + self.tool_offset;
+    pub(crate) fn program_to_machine(&self, program: Axes) -> Axes {
+        if self.is_rotated() {
+            return self.rotate(program + self.g92) + self.work + self.tool_offset;
         }
         // This order gives the same bits as sums without tool length.
         self.work + self.g92 + self.tool_offset + program
@@ -445,7 +445,7 @@ impl State {
 
     /// X of the program zero in machine coordinates: the centre of the spindle.
     pub(crate) fn centre_mm(&self) -> f64 {
-        self.machine_of(Axes::zeros())[0]
+        self.program_to_machine(Axes::zeros())[0]
     }
 
     /// Speed of a spindle while it rotates, at the position of the tool.
@@ -459,9 +459,9 @@ impl State {
     }
 
     /// Converts a point from machine coordinates to program coordinates (mm, degrees).
-    pub(crate) fn program_of(&self, machine: Axes) -> Axes {
-        if self.turned() {
-            return self.turn_back(machine - self.work - self.tool_offset) - self.g92;
+    pub(crate) fn machine_to_program(&self, machine: Axes) -> Axes {
+        if self.is_rotated() {
+            return self.rotate_back(machine - self.work - self.tool_offset) - self.g92;
         }
         machine - (self.work + self.g92 + self.tool_offset)
     }
@@ -486,7 +486,7 @@ impl State {
 
     /// Position of an axis in program coordinates and units.
     pub(crate) fn program_position(&self, axis: usize) -> f64 {
-        let position = self.program_of(self.programmed())[axis] / self.axis_unit(axis);
+        let position = self.machine_to_program(self.programmed())[axis] / self.axis_unit(axis);
         self.within_turn(axis, position)
     }
 
@@ -506,19 +506,19 @@ impl State {
 
     /// A predefined parameter.
     pub(crate) fn system(&self, system: System) -> f64 {
-        let truth = |yes: bool| f64::from(u8::from(yes));
+        let flag = |yes: bool| f64::from(u8::from(yes));
         let modes = &self.modes;
         // The spindle that a thread without `$` follows. LinuxCNC uses spindle 0.
         let spindle = &modes.spindles[modes.active_spindle];
         match system {
-            System::Absolute => truth(!modes.incremental),
-            System::Incremental => truth(modes.incremental),
-            System::AdaptiveFeed => truth(modes.adaptive == Some(true)),
+            System::Absolute => flag(!modes.incremental),
+            System::Incremental => flag(modes.incremental),
+            System::AdaptiveFeed => flag(modes.adaptive == Some(true)),
             System::CutterCompensation => match self.cutter.code {
                 Compensation::Off => 400.0,
-                Compensation::On { left, given } => {
+                Compensation::On { left, dynamic } => {
                     let side = if left { 410.0 } else { 420.0 };
-                    side + truth(given)
+                    side + flag(dynamic)
                 }
             },
             System::Coordinates => match modes.work_index {
@@ -530,19 +530,19 @@ impl State {
             System::CurrentPocket => self.pockets.current,
             System::SelectedPocket => self.pockets.selected,
             System::Feed => modes.feed.map_or(0.0, |feed| feed.word()),
-            System::FeedHold => truth(modes.feed_stop),
-            System::FeedOverride => truth(modes.feed_override),
-            System::SpeedOverride => truth(modes.spindle_override[modes.active_spindle]),
-            System::Flood => truth(modes.flood),
-            System::Mist => truth(modes.mist),
-            System::CentreAbsolute => truth(modes.arc_centre_absolute),
-            System::Imperial => truth(modes.inches),
-            System::Metric => truth(!modes.inches),
-            System::InverseTime => truth(modes.feed_mode == FeedMode::InverseTime),
-            System::UnitsPerMinute => truth(modes.feed_mode == FeedMode::PerMinute),
-            System::UnitsPerRevolution => truth(modes.feed_mode == FeedMode::PerRevolution),
-            System::LatheDiameter => truth(modes.diameter),
-            System::LatheRadius => truth(!modes.diameter),
+            System::FeedHold => flag(modes.feed_stop),
+            System::FeedOverride => flag(modes.feed_override),
+            System::SpeedOverride => flag(modes.spindle_override[modes.active_spindle]),
+            System::Flood => flag(modes.flood),
+            System::Mist => flag(modes.mist),
+            System::CentreAbsolute => flag(modes.arc_centre_absolute),
+            System::Imperial => flag(modes.inches),
+            System::Metric => flag(!modes.inches),
+            System::InverseTime => flag(modes.feed_mode == FeedMode::InverseTime),
+            System::UnitsPerMinute => flag(modes.feed_mode == FeedMode::PerMinute),
+            System::UnitsPerRevolution => flag(modes.feed_mode == FeedMode::PerRevolution),
+            System::LatheDiameter => flag(modes.diameter),
+            System::LatheRadius => flag(!modes.diameter),
             System::MotionMode => match self.motion {
                 Motion::None => 800.0,
                 motion => motion.tenths(),
@@ -551,18 +551,18 @@ impl State {
                 PlaneCode::Main(plane) => plane_number(plane),
                 PlaneCode::Secondary(plane) => plane_number(plane) + 1.0,
             },
-            System::RetractOldZ => truth(modes.retract_to_old),
-            System::RetractRPlane => truth(!modes.retract_to_old),
+            System::RetractOldZ => flag(modes.retract_to_initial),
+            System::RetractRPlane => flag(!modes.retract_to_initial),
             System::Rpm => spindle.speed.word(),
-            System::SpindleConstantSurface => truth(spindle.speed.is_surface()),
-            System::SpindleRpmMode => truth(!spindle.speed.is_surface()),
-            System::SpindleClockwise => truth(spindle.direction == SpindleDirection::Clockwise),
-            System::SpindleOn => truth(spindle.turns()),
-            System::ToolOffset => truth(self.tool_offset != Axes::zeros()),
+            System::SpindleConstantSurface => flag(spindle.speed.is_surface()),
+            System::SpindleRpmMode => flag(!spindle.speed.is_surface()),
+            System::SpindleClockwise => flag(spindle.direction == SpindleDirection::Clockwise),
+            System::SpindleOn => flag(spindle.is_rotating()),
+            System::ToolOffset => flag(self.tool_offset != Axes::zeros()),
             // The version of LinuxCNC whose language this is.
             System::VersionMajor => 2.9,
             // M6 by a subroutine is the only code that can be replaced.
-            System::RemapLevel => truth(self.is_changing_tool),
+            System::RemapLevel => flag(self.is_changing_tool),
             // The executing task: not applicable.
             _ => 0.0,
         }

@@ -99,7 +99,7 @@ impl SpindleOutput {
 
     /// Whether it is not stopped.
     #[must_use]
-    pub fn turns(&self) -> bool {
+    pub fn is_rotating(&self) -> bool {
         self.direction != SpindleDirection::Stopped
     }
 

@@ -14,7 +14,7 @@ pub(crate) fn rotation_of(degrees: f64) -> Rotation {
 }
 
 /// Converts a vector from program to machine coordinates.
-pub(crate) fn turn([degrees, cos, sin]: Rotation, mut vector: Axes) -> Axes {
+pub(crate) fn rotate([degrees, cos, sin]: Rotation, mut vector: Axes) -> Axes {
     if degrees != 0.0 {
         (vector[0], vector[1]) = (
             cos * vector[0] - sin * vector[1],
@@ -25,7 +25,7 @@ pub(crate) fn turn([degrees, cos, sin]: Rotation, mut vector: Axes) -> Axes {
 }
 
 /// Converts a vector from machine to program coordinates.
-pub(crate) fn turn_back([degrees, cos, sin]: Rotation, mut vector: Axes) -> Axes {
+pub(crate) fn rotate_back([degrees, cos, sin]: Rotation, mut vector: Axes) -> Axes {
     if degrees != 0.0 {
         (vector[0], vector[1]) = (
             cos * vector[0] + sin * vector[1],

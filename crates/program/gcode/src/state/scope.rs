@@ -1,7 +1,7 @@
 //! The data visible to an expression: parameters and, through the predefined ones, the modal state.
 
 use crate::Settings;
-use crate::parameters::names::{NameKind, Normal};
+use crate::parameters::names::{NameKind, NormalizedName};
 use crate::parameters::system::System;
 use crate::parameters::values::{POSITION, Parameters};
 use crate::state::machine_state::State;
@@ -39,7 +39,7 @@ impl Scope<'_> {
     }
 
     /// A named parameter; `None` if not set.
-    pub(crate) fn named(&self, name: &Normal) -> Option<f64> {
+    pub(crate) fn named(&self, name: &NormalizedName) -> Option<f64> {
         let (id, kind) = self.parameters.names.find(name)?;
         if let Some(assumption) = &self.parameters.assumption {
             assumption.read_named(id, kind);

@@ -14,8 +14,8 @@ pub struct Settings {
     /// The existing axes. A word for any other axis is an error.
     pub axes: [bool; AXES],
     /// Axes whose position in `start` is undefined because they are not homed
-    /// ([`crate::Interpreter::doubtful_axes`]).
-    pub unknown: [bool; AXES],
+    /// ([`crate::Interpreter::uncertain_axes`]).
+    pub unhomed: [bool; AXES],
     /// Offsets at the start.
     pub offsets: StartOffsets,
     /// Path control mode before the first G61 or G64.
@@ -52,9 +52,9 @@ pub struct Settings {
     /// Spindle and coolant at the start.
     pub outputs: Outputs,
     /// Whether the text is an MDI block: without M2 or M30 spindle and coolant keep their state at its end.
-    pub is_block: bool,
+    pub is_mdi: bool,
     /// The state with which an MDI block starts.
-    pub restored: Restored,
+    pub preamble: MdiPreamble,
     /// Features of the machine.
     pub features: MachineFeatures,
     /// The tool table. Without one, an offset or diameter of any tool but 0 is an error
@@ -71,7 +71,7 @@ pub struct Settings {
 /// The first lines of an MDI block, which restore the modes of earlier blocks, and the state that no line can
 /// restore.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Restored {
+pub struct MdiPreamble {
     /// Number of lines. They do not change `active_spindle`.
     pub lines: u32,
     /// The spindle of threads and cycles without `$`.
@@ -106,7 +106,7 @@ pub struct MachineFeatures {
     /// ([`crate::Action::RigidTap`]).
     pub rigid_tapping: [bool; SPINDLES],
     /// The direction of G90 on each unlimited rotary axis; their coordinates count modulo 360 degrees.
-    pub unlimited: [Option<RotaryWay>; AXES],
+    pub unlimited: [Option<RotaryDirection>; AXES],
     /// The user-defined M codes from M100 to M199, which are output with their words P and Q.
     pub user_codes: Vec<u32>,
     /// Maximum speed of each spindle (G96 at small radii), rpm; infinite if unknown.
@@ -142,7 +142,7 @@ pub struct ToolChanger {
 
 /// The direction in which G90 turns an unlimited rotary axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RotaryWay {
+pub enum RotaryDirection {
     /// The shorter direction; half a turn in the positive direction.
     Shorter,
     /// The sign of the word: without one in the positive direction, with a minus to the absolute value in the
@@ -196,7 +196,7 @@ impl Default for Settings {
         Self {
             start: Axes::zeros(),
             axes: [true; AXES],
-            unknown: [false; AXES],
+            unhomed: [false; AXES],
             offsets: StartOffsets::default(),
             features: MachineFeatures::default(),
             limits: ProgramLimits::default(),
@@ -216,8 +216,8 @@ impl Default for Settings {
             tool: 0,
             selected_tool: None,
             outputs: Outputs::default(),
-            is_block: false,
-            restored: Restored::default(),
+            is_mdi: false,
+            preamble: MdiPreamble::default(),
             tools: None,
             tools_without_table: false,
             parameters: Vec::new(),

@@ -29,6 +29,6 @@ impl ToolPockets {
 }
 
 fn pocket(tool: u32, tools: Option<&ToolTable>) -> f64 {
-    let row = tools.and_then(|tools| tools.get(tool));
-    row.map_or(-1.0, |row| f64::from(row.pocket))
+    let tool = tools.and_then(|tools| tools.get(tool));
+    tool.map_or(-1.0, |tool| f64::from(tool.pocket))
 }

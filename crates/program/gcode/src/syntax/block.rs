@@ -1,7 +1,7 @@
 //! The contents of one line.
 
 use crate::diagnostics::diagnostic::Span;
-use crate::parameters::names::Normal;
+use crate::parameters::names::NormalizedName;
 use crate::syntax::expression::Target;
 
 /// A letter and its value.
@@ -37,7 +37,7 @@ impl Block {
 pub(crate) struct OWord {
     /// The span of the name, including O.
     pub(crate) span: Span,
-    pub(crate) name: Normal,
+    pub(crate) name: NormalizedName,
     pub(crate) keyword: Keyword,
     /// Byte offset of the rest of the line.
     pub(crate) rest: usize,

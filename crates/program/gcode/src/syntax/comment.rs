@@ -7,12 +7,12 @@
 use std::fmt::Write as _;
 
 use crate::diagnostics::diagnostic::{Span, printable};
-use crate::parameters::names::Normal;
+use crate::parameters::names::NormalizedName;
 use crate::state::scope::Scope;
 
 /// The meaning of a comment.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Remark {
+pub(crate) enum ActiveComment {
     None,
     Message(String),
     Debug(String),
@@ -27,56 +27,56 @@ pub(crate) enum Remark {
 }
 
 /// The meaning of the comment at a position of a line.
-pub(crate) fn remark(line: &[u8], inside: Span, scope: &Scope<'_>) -> Remark {
+pub(crate) fn active_comment(line: &[u8], inside: Span, scope: &Scope<'_>) -> ActiveComment {
     let text = &line[inside.start as usize..inside.end as usize];
     let plain = |rest: &[u8]| printable(String::from_utf8_lossy(rest).trim());
     if let Some(rest) = after_keyword(text, b"MSG,") {
-        return Remark::Message(plain(rest));
+        return ActiveComment::Message(plain(rest));
     }
     if let Some(rest) = after_keyword(text, b"DEBUG,") {
-        return Remark::Debug(expanded(rest, scope));
+        return ActiveComment::Debug(expanded(rest, scope));
     }
     if let Some(rest) = after_keyword(text, b"PRINT,") {
-        return Remark::Print(expanded(rest, scope));
+        return ActiveComment::Print(expanded(rest, scope));
     }
     if let Some(rest) = after_keyword(text, b"LOG,") {
-        return Remark::Log(expanded(rest, scope));
+        return ActiveComment::Log(expanded(rest, scope));
     }
     if let Some(rest) = after_keyword(text, b"LOGOPEN,") {
-        return Remark::LogOpen(plain(rest));
+        return ActiveComment::LogOpen(plain(rest));
     }
     if let Some(rest) = after_keyword(text, b"PROBEOPEN") {
-        return Remark::ProbeOpen(plain(rest));
+        return ActiveComment::ProbeOpen(plain(rest));
     }
     if let Some(rest) = after_keyword(text, b"LOGAPPEND,") {
-        return Remark::LogAppend(plain(rest));
+        return ActiveComment::LogAppend(plain(rest));
     }
     if after_keyword(text, b"LOGCLOSE").is_some() {
-        return Remark::LogClose;
+        return ActiveComment::LogClose;
     }
     if after_keyword(text, b"PROBECLOSE").is_some() {
-        return Remark::ProbeClose;
+        return ActiveComment::ProbeClose;
     }
     if let Some(rest) = after_keyword(text, b"ABORT,") {
-        return Remark::Abort(expanded(rest, scope));
+        return ActiveComment::Abort(expanded(rest, scope));
     }
-    Remark::None
+    ActiveComment::None
 }
 
 /// The text after a keyword.
 fn after_keyword<'text>(text: &'text [u8], keyword: &[u8]) -> Option<&'text [u8]> {
-    let mut wanted = keyword.iter();
-    let mut next = wanted.next();
-    for (place, byte) in text.iter().enumerate() {
+    let mut expected = keyword.iter();
+    let mut next = expected.next();
+    for (index, byte) in text.iter().enumerate() {
         if matches!(byte, b' ' | b'\t') {
             continue;
         }
         if Some(&byte.to_ascii_uppercase()) != next {
             return None;
         }
-        next = wanted.next();
+        next = expected.next();
         if next.is_none() {
-            return Some(&text[place + 1..]);
+            return Some(&text[index + 1..]);
         }
     }
     None
@@ -134,7 +134,7 @@ fn format_of(text: &str) -> Option<(usize, &str)> {
 fn parameter_of<'text>(text: &'text str, scope: &Scope<'_>) -> Option<(Option<f64>, &'text str)> {
     if let Some(inside) = text.strip_prefix('<') {
         let end = inside.find('>')?;
-        let value = Normal::new(&inside.as_bytes()[..end]).and_then(|name| scope.named(&name));
+        let value = NormalizedName::new(&inside.as_bytes()[..end]).and_then(|name| scope.named(&name));
         return Some((value, &inside[end + 1..]));
     }
     let digits = text.bytes().take_while(u8::is_ascii_digit).count();
@@ -147,45 +147,48 @@ mod tests {
     use super::*;
     use crate::state::scope::tests::with_scope;
 
-    fn of(text: &[u8]) -> Remark {
-        with_scope(|scope| remark(text, Span::new(0, text.len()), scope))
+    fn of(text: &[u8]) -> ActiveComment {
+        with_scope(|scope| active_comment(text, Span::new(0, text.len()), scope))
     }
 
     #[test]
     fn messages_start_with_their_keyword() {
-        assert_eq!(of(b"MSG, turn the part"), Remark::Message("turn the part".into()));
-        assert_eq!(of(b" m s\tG , Turn"), Remark::Message("Turn".into()));
-        assert_eq!(of(b"a MSG, no"), Remark::None);
-        assert_eq!(of(b"MSG no"), Remark::None);
-        assert_eq!(of(b""), Remark::None);
+        assert_eq!(
+            of(b"MSG, turn the part"),
+            ActiveComment::Message("turn the part".into())
+        );
+        assert_eq!(of(b" m s\tG , Turn"), ActiveComment::Message("Turn".into()));
+        assert_eq!(of(b"a MSG, no"), ActiveComment::None);
+        assert_eq!(of(b"MSG no"), ActiveComment::None);
+        assert_eq!(of(b""), ActiveComment::None);
     }
 
     #[test]
-    fn messages_cannot_steer_a_terminal() {
+    fn messages_contain_no_control_characters() {
         assert_eq!(
             of(b"MSG,\x1b[2J\xff"),
-            Remark::Message("\u{fffd}[2J\u{fffd}".into())
+            ActiveComment::Message("\u{fffd}[2J\u{fffd}".into())
         );
     }
 
     #[test]
-    fn values_are_written_as_asked_for() {
+    fn values_are_printed_in_the_requested_format() {
         // Formats as LinuxCNC 2.9 prints them.
         let shown = of(b"debug, #5598 %d#5598 %f#5598 %.2f#<_coord_system> #<none> 100% #");
         assert_eq!(
             shown,
-            Remark::Debug("0.000000 0 0.0000 540.00 ###### 100% #".into())
+            ActiveComment::Debug("0.000000 0 0.0000 540.00 ###### 100% #".into())
         );
-        assert_eq!(of(b"PRINT,#1"), Remark::Print("0.000000".into()));
+        assert_eq!(of(b"PRINT,#1"), ActiveComment::Print("0.000000".into()));
     }
 
     #[test]
-    fn logs_and_the_end_are_known() {
-        assert_eq!(of(b"LOGOPEN, a.txt"), Remark::LogOpen("a.txt".into()));
-        assert_eq!(of(b"probeopen a.txt"), Remark::ProbeOpen("a.txt".into()));
-        assert_eq!(of(b"LOGAPPEND,b"), Remark::LogAppend("b".into()));
-        assert_eq!(of(b"LOG,x"), Remark::Log("x".into()));
-        assert_eq!(of(b"LOGCLOSE"), Remark::LogClose);
-        assert_eq!(of(b"abort, now"), Remark::Abort("now".into()));
+    fn log_and_abort_comments_are_recognized() {
+        assert_eq!(of(b"LOGOPEN, a.txt"), ActiveComment::LogOpen("a.txt".into()));
+        assert_eq!(of(b"probeopen a.txt"), ActiveComment::ProbeOpen("a.txt".into()));
+        assert_eq!(of(b"LOGAPPEND,b"), ActiveComment::LogAppend("b".into()));
+        assert_eq!(of(b"LOG,x"), ActiveComment::Log("x".into()));
+        assert_eq!(of(b"LOGCLOSE"), ActiveComment::LogClose);
+        assert_eq!(of(b"abort, now"), ActiveComment::Abort("now".into()));
     }
 }

@@ -6,17 +6,17 @@
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::parameters::names::Normal;
+use crate::parameters::names::NormalizedName;
 use crate::parameters::values::NUMBERED;
 use crate::state::scope::Scope;
 use crate::syntax::lexer::Lexer;
 use evolvent_config::plain;
 
 /// Maximum nesting depth of brackets, functions and parameters of parameters.
-const DEPTH: u32 = 64;
+const MAX_DEPTH: u32 = 64;
 
 /// Numbers closer than this are equal for EQ and NE; LE and GE compare exactly, as in LinuxCNC.
-const EQUAL: f64 = 1e-6;
+const EQUAL_TOLERANCE: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Operator {
@@ -29,17 +29,17 @@ enum Operator {
     GreaterEqual,
     Less,
     LessEqual,
-    Plus,
-    Minus,
-    Times,
-    Divided,
+    Add,
+    Subtract,
+    Multiply,
+    Divide,
     Modulo,
     Power,
 }
 
 impl Operator {
     /// Its precedence.
-    fn level(self) -> u32 {
+    fn precedence(self) -> u32 {
         match self {
             Self::And | Self::Or | Self::Xor => 1,
             Self::Equal
@@ -48,8 +48,8 @@ impl Operator {
             | Self::GreaterEqual
             | Self::Less
             | Self::LessEqual => 2,
-            Self::Plus | Self::Minus => 3,
-            Self::Times | Self::Divided | Self::Modulo => 4,
+            Self::Add | Self::Subtract => 3,
+            Self::Multiply | Self::Divide | Self::Modulo => 4,
             Self::Power => 5,
         }
     }
@@ -86,11 +86,11 @@ impl<'line, 'text> Evaluator<'line, 'text> {
     pub(crate) fn value(&mut self) -> Result<Option<f64>, Fault> {
         match self.lexer.peek() {
             Some(b'0'..=b'9' | b'.') => self.lexer.number().map(Some),
-            Some(sign @ (b'+' | b'-')) => match self.lexer.second() {
+            Some(sign @ (b'+' | b'-')) => match self.lexer.peek_second() {
                 Some(b'#' | b'[' | b'+' | b'-' | b'a'..=b'z' | b'A'..=b'Z') => {
-                    let start = self.lexer.place();
+                    let start = self.lexer.position();
                     self.lexer.advance();
-                    self.deeper(start)?;
+                    self.nest(start)?;
                     let value = self.value()?;
                     self.depth -= 1;
                     let Some(value) = value else {
@@ -110,7 +110,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
 
     /// The same, but required. `what` is the use of the value, for the error message.
     pub(crate) fn required(&mut self, what: &str) -> Result<f64, Fault> {
-        let start = self.lexer.place();
+        let start = self.lexer.position();
         match self.value()? {
             Some(value) => Ok(value),
             None => Err(self.missing(start, what)),
@@ -134,9 +134,9 @@ impl<'line, 'text> Evaluator<'line, 'text> {
 
     /// A bracketed expression; the next character is `[`.
     pub(crate) fn bracket(&mut self) -> Result<f64, Fault> {
-        let start = self.lexer.place();
+        let start = self.lexer.position();
         self.lexer.advance();
-        self.deeper(start)?;
+        self.nest(start)?;
         let value = self.binary(1)?;
         self.depth -= 1;
         if self.lexer.take(b']') {
@@ -147,7 +147,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
 
     #[cold]
     fn unclosed(&mut self, start: usize) -> Fault {
-        let place = self.lexer.place();
+        let position = self.lexer.position();
         match self.lexer.peek() {
             None | Some(b';' | b'(') => {
                 Fault::new(Code::Expression, Span::at(start), "this '[' is not closed").help(
@@ -156,7 +156,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
             }
             Some(_) => Fault::new(
                 Code::Expression,
-                Span::at(place),
+                Span::at(position),
                 "an operator or ] is missing here",
             )
             .help("operators are + - * / ** MOD, EQ NE GT GE LT LE, AND OR XOR"),
@@ -164,20 +164,20 @@ impl<'line, 'text> Evaluator<'line, 'text> {
     }
 
     /// Operators of at least a precedence, from left to right.
-    fn binary(&mut self, level: u32) -> Result<f64, Fault> {
+    fn binary(&mut self, min_precedence: u32) -> Result<f64, Fault> {
         let mut left = self.required("in this expression")?;
         loop {
-            let before = self.lexer.place();
+            let start = self.lexer.position();
             let Some(operator) = self.operator()? else {
                 return Ok(left);
             };
-            if operator.level() < level {
-                self.lexer.go_back(before);
+            if operator.precedence() < min_precedence {
+                self.lexer.seek(start);
                 return Ok(left);
             }
-            let place = Span::new(before, self.lexer.place());
-            let right = self.binary(operator.level() + 1)?;
-            left = apply(operator, left, right, place)?;
+            let span = Span::new(start, self.lexer.position());
+            let right = self.binary(operator.precedence() + 1)?;
+            left = apply(operator, left, right, span)?;
         }
     }
 
@@ -185,17 +185,17 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         let Some(byte) = self.lexer.peek() else {
             return Ok(None);
         };
-        let start = self.lexer.place();
+        let start = self.lexer.position();
         let operator = match byte {
-            b'+' => Operator::Plus,
-            b'-' => Operator::Minus,
-            b'/' => Operator::Divided,
+            b'+' => Operator::Add,
+            b'-' => Operator::Subtract,
+            b'/' => Operator::Divide,
             b'*' => {
                 self.lexer.advance();
                 return Ok(Some(if self.lexer.take(b'*') {
                     Operator::Power
                 } else {
-                    Operator::Times
+                    Operator::Multiply
                 }));
             }
             b'a'..=b'z' | b'A'..=b'Z' => {
@@ -227,40 +227,44 @@ impl<'line, 'text> Evaluator<'line, 'text> {
 
     /// A function of a bracketed value. `None` if no letters followed by `[` come next.
     fn function(&mut self) -> Result<Option<f64>, Fault> {
-        let start = self.lexer.place();
+        let start = self.lexer.position();
         let mut word = [0; 16];
-        let length = self.lexer.letters(&mut word);
+        let length = self.lexer.take_letters(&mut word);
         if self.lexer.peek() != Some(b'[') {
-            self.lexer.go_back(start);
+            self.lexer.seek(start);
             return Ok(None);
         }
-        let place = Span::new(start, self.lexer.place());
+        let span = Span::new(start, self.lexer.position());
         let name = &word[..length];
         if name == b"exists" {
             return self.exists().map(Some);
         }
-        self.deeper(start)?;
+        self.nest(start)?;
         let x = self.bracket()?;
         self.depth -= 1;
-        let domain = |message: String| Err(Fault::new(Code::Arithmetic, place, message));
+        let domain_error = |message: String| Err(Fault::new(Code::Arithmetic, span, message));
         let value = match name {
             b"atan" => {
                 if !self.lexer.take(b'/') {
                     let message = "ATAN needs two values";
-                    return Err(Fault::new(Code::Expression, place, message).help("write ATAN[y]/[x]"));
+                    return Err(Fault::new(Code::Expression, span, message).help("write ATAN[y]/[x]"));
                 }
                 if self.lexer.peek() != Some(b'[') {
                     let message = "the second value of ATAN must be in brackets";
-                    return Err(Fault::new(Code::Expression, place, message).help("write ATAN[y]/[x]"));
+                    return Err(Fault::new(Code::Expression, span, message).help("write ATAN[y]/[x]"));
                 }
-                self.deeper(start)?;
+                self.nest(start)?;
                 let second = self.bracket()?;
                 self.depth -= 1;
                 libm::atan2(x, second).to_degrees()
             }
             b"abs" => x.abs(),
-            b"acos" if !(-1.0..=1.0).contains(&x) => return domain(format!("ACOS[{x}]: beyond -1 to 1")),
-            b"asin" if !(-1.0..=1.0).contains(&x) => return domain(format!("ASIN[{x}]: beyond -1 to 1")),
+            b"acos" if !(-1.0..=1.0).contains(&x) => {
+                return domain_error(format!("ACOS[{x}]: beyond -1 to 1"));
+            }
+            b"asin" if !(-1.0..=1.0).contains(&x) => {
+                return domain_error(format!("ASIN[{x}]: beyond -1 to 1"));
+            }
             b"acos" => libm::acos(x).to_degrees(),
             b"asin" => libm::asin(x).to_degrees(),
             b"cos" => libm::cos(x.to_radians()),
@@ -268,54 +272,54 @@ impl<'line, 'text> Evaluator<'line, 'text> {
             b"fix" => x.floor(),
             b"fup" => x.ceil(),
             b"round" => x.round(),
-            b"ln" if x <= 0.0 => return domain(format!("LN[{x}]: only of numbers above 0")),
+            b"ln" if x <= 0.0 => return domain_error(format!("LN[{x}]: only of numbers above 0")),
             b"ln" => libm::log(x),
             b"sin" => libm::sin(x.to_radians()),
-            b"sqrt" if x < 0.0 => return domain(format!("SQRT[{x}]: not of negative numbers")),
+            b"sqrt" if x < 0.0 => return domain_error(format!("SQRT[{x}]: not of negative numbers")),
             b"sqrt" => x.sqrt(),
             b"tan" => libm::tan(x.to_radians()),
             _ => {
-                let shown = String::from_utf8_lossy(name).to_ascii_uppercase();
-                let message = format!("there is no function {shown}");
-                return Err(Fault::new(Code::Expression, place, message).help(
+                let upper = String::from_utf8_lossy(name).to_ascii_uppercase();
+                let message = format!("there is no function {upper}");
+                return Err(Fault::new(Code::Expression, span, message).help(
                     "functions are ABS ACOS ASIN ATAN[]/[] COS EXISTS EXP FIX FUP LN ROUND SIN SQRT TAN",
                 ));
             }
         };
-        finite(value, place).map(Some)
+        finite(value, span).map(Some)
     }
 
     /// `EXISTS[#<name>]`; the next character is `[`.
     fn exists(&mut self) -> Result<f64, Fault> {
-        let start = self.lexer.place();
+        let start = self.lexer.position();
         self.lexer.advance();
-        let asks = |place: usize| {
+        let expected_name = |position: usize| {
             Fault::new(
                 Code::Expression,
-                Span::at(place),
+                Span::at(position),
                 "EXISTS requires a named parameter",
             )
             .help("write EXISTS[#<name>]")
         };
         if self.lexer.peek() != Some(b'#') {
-            return Err(asks(start));
+            return Err(expected_name(start));
         }
-        if self.lexer.second() != Some(b'<') {
+        if self.lexer.peek_second() != Some(b'<') {
             // Whether a numbered parameter exists depends on its number alone.
             self.lexer.advance();
-            self.deeper(start)?;
+            self.nest(start)?;
             let index = self.required("after #")?.round();
             self.depth -= 1;
             if !self.lexer.take(b']') {
-                return Err(asks(self.lexer.place()));
+                return Err(expected_name(self.lexer.position()));
             }
             return Ok(f64::from(u8::from((1.0..NUMBERED as f64).contains(&index))));
         }
         self.lexer.advance();
         let inside = self.lexer.name()?;
-        let name = self.normal(inside)?;
+        let name = self.normalized_name(inside)?;
         if !self.lexer.take(b']') {
-            return Err(asks(self.lexer.place()));
+            return Err(expected_name(self.lexer.position()));
         }
         Ok(f64::from(u8::from(self.scope.named(&name).is_some())))
     }
@@ -323,11 +327,11 @@ impl<'line, 'text> Evaluator<'line, 'text> {
     /// The value of a parameter; the next character is `#`.
     #[inline]
     fn parameter(&mut self) -> Result<f64, Fault> {
-        let start = self.lexer.place();
+        let start = self.lexer.position();
         match self.target()? {
             Target::Numbered(index) => Ok(self.scope.numbered(index)),
             Target::Named(inside) => {
-                let name = self.normal(inside)?;
+                let name = self.normalized_name(inside)?;
                 self.scope.named(&name).ok_or_else(|| {
                     for (prefix, what) in [("_ini[", "an INI file"), ("_hal[", "HAL pins")] {
                         if name.as_str().starts_with(prefix) {
@@ -335,16 +339,16 @@ impl<'line, 'text> Evaluator<'line, 'text> {
                                 "#<{}> reads {what} of LinuxCNC, which does not exist here",
                                 name.as_str()
                             );
-                            let place = Span::new(start, self.lexer.place());
-                            return Fault::new(Code::UndefinedParameter, place, message).help(
+                            let span = Span::new(start, self.lexer.position());
+                            return Fault::new(Code::UndefinedParameter, span, message).help(
                                 "write the number itself, or store it in a parameter: #<_limit> = 400 once, \
                                  then #<_limit>",
                             );
                         }
                     }
                     let message = format!("#<{}> has not been set", name.as_str());
-                    let place = Span::new(start, self.lexer.place());
-                    Fault::new(Code::UndefinedParameter, place, message).help(
+                    let span = Span::new(start, self.lexer.position());
+                    Fault::new(Code::UndefinedParameter, span, message).help(
                         if name.as_str().starts_with('_') {
                             "write #<_name> = value before it is read"
                         } else {
@@ -362,23 +366,23 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         if let Some(index) = self.lexer.index() {
             return Ok(Target::Numbered(index));
         }
-        self.any_target()
+        self.computed_target()
     }
 
-    fn any_target(&mut self) -> Result<Target, Fault> {
-        let start = self.lexer.place();
+    fn computed_target(&mut self) -> Result<Target, Fault> {
+        let start = self.lexer.position();
         self.lexer.advance();
         if self.lexer.peek() == Some(b'<') {
             return Ok(Target::Named(self.lexer.name()?));
         }
-        self.deeper(start)?;
+        self.nest(start)?;
         let value = self.required("after #")?;
         self.depth -= 1;
         let rounded = value.round();
-        let place = Span::new(start, self.lexer.place());
+        let span = Span::new(start, self.lexer.position());
         if (value - rounded).abs() > 1e-4 {
             let message = format!("#{}: the number of a parameter must be an integer", plain(value));
-            return Err(Fault::new(Code::NotInteger, place, message));
+            return Err(Fault::new(Code::NotInteger, span, message));
         }
         if !(1.0..NUMBERED as f64).contains(&rounded) {
             let message = format!(
@@ -386,24 +390,24 @@ impl<'line, 'text> Evaluator<'line, 'text> {
                 plain(rounded),
                 NUMBERED - 1
             );
-            return Err(Fault::new(Code::Parameter, place, message));
+            return Err(Fault::new(Code::Parameter, span, message));
         }
         Ok(Target::Numbered(rounded as usize))
     }
 
     /// The normalised name at a position.
-    pub(crate) fn normal(&self, inside: Span) -> Result<Normal, Fault> {
+    pub(crate) fn normalized_name(&self, inside: Span) -> Result<NormalizedName, Fault> {
         let text = &self.lexer.text()[inside.start as usize..inside.end as usize];
-        Normal::new(text).ok_or_else(|| {
+        NormalizedName::new(text).ok_or_else(|| {
             Fault::new(Code::BadName, inside, "this is not a valid name")
                 .help("a name has 1 to 100 ASCII characters")
         })
     }
 
-    fn deeper(&mut self, start: usize) -> Result<(), Fault> {
+    fn nest(&mut self, start: usize) -> Result<(), Fault> {
         self.depth += 1;
-        if self.depth > DEPTH {
-            let message = format!("nested deeper than {DEPTH}");
+        if self.depth > MAX_DEPTH {
+            let message = format!("nested deeper than {MAX_DEPTH}");
             return Err(Fault::new(Code::NestingTooDeep, Span::at(start), message)
                 .help("store a part of the expression in a parameter"));
         }
@@ -411,54 +415,54 @@ impl<'line, 'text> Evaluator<'line, 'text> {
     }
 }
 
-fn apply(operator: Operator, left: f64, right: f64, place: Span) -> Result<f64, Fault> {
-    let truth = |yes: bool| if yes { 1.0 } else { 0.0 };
+fn apply(operator: Operator, left: f64, right: f64, span: Span) -> Result<f64, Fault> {
+    let flag = |yes: bool| if yes { 1.0 } else { 0.0 };
     let difference = left - right;
     let value = match operator {
-        Operator::And => truth(left != 0.0 && right != 0.0),
-        Operator::Or => truth(left != 0.0 || right != 0.0),
-        Operator::Xor => truth((left != 0.0) != (right != 0.0)),
-        Operator::Equal => truth(difference.abs() < EQUAL),
-        Operator::NotEqual => truth(difference.abs() >= EQUAL),
-        Operator::Greater => truth(left > right),
-        Operator::GreaterEqual => truth(left >= right),
-        Operator::Less => truth(left < right),
-        Operator::LessEqual => truth(left <= right),
-        Operator::Plus => left + right,
-        Operator::Minus => left - right,
-        Operator::Times => left * right,
-        Operator::Divided if right == 0.0 => {
-            return Err(Fault::new(
-                Code::Arithmetic,
-                place,
-                format!("{left} divided by 0"),
-            ));
+        Operator::And => flag(left != 0.0 && right != 0.0),
+        Operator::Or => flag(left != 0.0 || right != 0.0),
+        Operator::Xor => flag((left != 0.0) != (right != 0.0)),
+        Operator::Equal => flag(difference.abs() < EQUAL_TOLERANCE),
+        Operator::NotEqual => flag(difference.abs() >= EQUAL_TOLERANCE),
+        Operator::Greater => flag(left > right),
+        Operator::GreaterEqual => flag(left >= right),
+        Operator::Less => flag(left < right),
+        Operator::LessEqual => flag(left <= right),
+        Operator::Add => left + right,
+        Operator::Subtract => left - right,
+        Operator::Multiply => left * right,
+        Operator::Divide if right == 0.0 => {
+            return Err(Fault::new(Code::Arithmetic, span, format!("{left} divided by 0")));
         }
-        Operator::Divided => left / right,
+        Operator::Divide => left / right,
         Operator::Modulo if right == 0.0 => {
-            return Err(Fault::new(Code::Arithmetic, place, format!("{left} MOD 0")));
+            return Err(Fault::new(Code::Arithmetic, span, format!("{left} MOD 0")));
         }
         Operator::Modulo => {
             // Never negative, for any signs.
-            let rest = left % right;
-            if rest < 0.0 { rest + right.abs() } else { rest }
+            let remainder = left % right;
+            if remainder < 0.0 {
+                remainder + right.abs()
+            } else {
+                remainder
+            }
         }
         Operator::Power if left < 0.0 && right.floor() != right => {
             let message = format!("{left} ** {right}: a negative number to a power that is not an integer");
-            return Err(Fault::new(Code::Arithmetic, place, message));
+            return Err(Fault::new(Code::Arithmetic, span, message));
         }
         Operator::Power => libm::pow(left, right),
     };
-    finite(value, place)
+    finite(value, span)
 }
 
-fn finite(value: f64, place: Span) -> Result<f64, Fault> {
+fn finite(value: f64, span: Span) -> Result<f64, Fault> {
     if value.is_finite() {
         Ok(value)
     } else {
         Err(Fault::new(
             Code::Arithmetic,
-            place,
+            span,
             "the result is not a finite number",
         ))
     }

@@ -22,7 +22,7 @@ impl<'text> Lexer<'text> {
     }
 
     /// The present position.
-    pub(crate) fn place(&self) -> usize {
+    pub(crate) fn position(&self) -> usize {
         self.at
     }
 
@@ -32,13 +32,13 @@ impl<'text> Lexer<'text> {
         self.at += 1;
     }
 
-    /// Returns to an earlier position.
-    pub(crate) fn go_back(&mut self, place: usize) {
-        self.at = place;
+    /// Continues at another position.
+    pub(crate) fn seek(&mut self, position: usize) {
+        self.at = position;
     }
 
     /// Skips the rest of the line.
-    pub(crate) fn finish(&mut self) {
+    pub(crate) fn skip_rest(&mut self) {
         self.at = self.text.len();
     }
 
@@ -49,17 +49,17 @@ impl<'text> Lexer<'text> {
 
     /// Takes the next character if it is this one.
     #[inline]
-    pub(crate) fn take(&mut self, wanted: u8) -> bool {
-        let found = self.peek() == Some(wanted);
-        if found {
+    pub(crate) fn take(&mut self, byte: u8) -> bool {
+        let is_next = self.peek() == Some(byte);
+        if is_next {
             self.at += 1;
         }
-        found
+        is_next
     }
 
     /// Takes consecutive letters, in lower case and without spaces between them; at most 15. Further letters
     /// are dropped, because no keyword is that long.
-    pub(crate) fn letters(&mut self, into: &mut [u8; 16]) -> usize {
+    pub(crate) fn take_letters(&mut self, into: &mut [u8; 16]) -> usize {
         let mut count = 0;
         while let Some(byte) = self.peek() {
             if !byte.is_ascii_alphabetic() {
@@ -75,9 +75,9 @@ impl<'text> Lexer<'text> {
     }
 
     /// Takes the keyword if it comes next, in either case and with spaces anywhere.
-    pub(crate) fn keyword(&mut self, wanted: &[u8]) -> bool {
+    pub(crate) fn keyword(&mut self, keyword: &[u8]) -> bool {
         let start = self.at;
-        for &letter in wanted {
+        for &letter in keyword {
             match self.peek() {
                 Some(byte) if byte.to_ascii_lowercase() == letter => self.at += 1,
                 _ => {
@@ -89,26 +89,26 @@ impl<'text> Lexer<'text> {
         true
     }
 
-    /// The character after the next one that is not a space, without taking any.
-    pub(crate) fn second(&self) -> Option<u8> {
+    /// The second next character that is not a space, without taking any.
+    pub(crate) fn peek_second(&self) -> Option<u8> {
         let mut rest = self.text.get(self.at..)?.iter();
-        let mut meaning = rest
+        let mut significant = rest
             .by_ref()
             .copied()
             .filter(|byte| !matches!(byte, b' ' | b'\t'));
-        meaning.next()?;
-        meaning.next()
+        significant.next()?;
+        significant.next()
     }
 
     /// The text between `<` and `>`; the next character is `<`.
     pub(crate) fn name(&mut self) -> Result<Span, Fault> {
         let open = self.at;
         let mut depth = 0_u32;
-        for (place, &byte) in self.text.iter().enumerate().skip(open + 1) {
+        for (index, &byte) in self.text.iter().enumerate().skip(open + 1) {
             match byte {
                 b'>' if depth == 0 => {
-                    self.at = place + 1;
-                    return Ok(Span::new(open + 1, place));
+                    self.at = index + 1;
+                    return Ok(Span::new(open + 1, index));
                 }
                 b'[' => depth += 1,
                 b']' => depth = depth.saturating_sub(1),
@@ -120,7 +120,7 @@ impl<'text> Lexer<'text> {
         Err(Fault::new(Code::BadName, Span::at(open), message).help("write > after it, as in #<width>"))
     }
 
-    /// The next significant character, not taken.
+    /// The next character that is not a space, without taking it.
     #[inline]
     pub(crate) fn peek(&mut self) -> Option<u8> {
         while let Some(&byte) = self.text.get(self.at) {
@@ -136,7 +136,7 @@ impl<'text> Lexer<'text> {
     /// nothing taken, for any other form, and if the parameter does not exist. The next character is `#`.
     #[inline]
     pub(crate) fn index(&mut self) -> Option<usize> {
-        let (index, end) = self.short_whole(self.at + 1)?;
+        let (index, end) = self.short_integer(self.at + 1)?;
         if !(1..NUMBERED).contains(&index) {
             return None;
         }
@@ -146,18 +146,18 @@ impl<'text> Lexer<'text> {
 
     /// An integer of up to four digits that is not followed by a space, and its end.
     #[inline]
-    pub(crate) fn short_whole(&self, start: usize) -> Option<(usize, usize)> {
-        let mut at = start;
+    pub(crate) fn short_integer(&self, start: usize) -> Option<(usize, usize)> {
+        let mut end = start;
         let mut value = 0;
-        while let Some(byte @ b'0'..=b'9') = self.text.get(at) {
-            if at - start == 4 {
+        while let Some(byte @ b'0'..=b'9') = self.text.get(end) {
+            if end - start == 4 {
                 return None;
             }
             value = 10 * value + usize::from(byte - b'0');
-            at += 1;
+            end += 1;
         }
-        let goes_on = matches!(self.text.get(at), Some(b'.' | b' ' | b'\t'));
-        (at > start && !goes_on).then_some((value, at))
+        let continues = matches!(self.text.get(end), Some(b'.' | b' ' | b'\t'));
+        (end > start && !continues).then_some((value, end))
     }
 
     /// Reads a number; the next character is a digit, a point or a sign.
@@ -175,7 +175,7 @@ impl<'text> Lexer<'text> {
     fn plain_number(&mut self) -> Option<f64> {
         let text = self.text;
         let mut at = self.at;
-        let negative = text.get(at) == Some(&b'-');
+        let is_negative = text.get(at) == Some(&b'-');
         if matches!(text.get(at), Some(b'+' | b'-')) {
             at += 1;
         }
@@ -219,20 +219,20 @@ impl<'text> Lexer<'text> {
             return None;
         }
         self.at = at;
-        Some(if negative { -magnitude } else { magnitude })
+        Some(if is_negative { -magnitude } else { magnitude })
     }
 
     fn any_number(&mut self) -> Result<f64, Fault> {
         let start = self.at;
-        let negative = self.text[start] == b'-';
+        let is_negative = self.text[start] == b'-';
         if matches!(self.text[start], b'+' | b'-') {
             self.at += 1;
         }
         let mut mantissa: u64 = 0;
         let mut digits: u32 = 0;
         let mut decimals: usize = 0;
-        let mut point = false;
-        let mut exact = true;
+        let mut has_point = false;
+        let mut is_exact = true;
         let mut end = self.at;
         while let Some(&byte) = self.text.get(self.at) {
             match byte {
@@ -241,12 +241,12 @@ impl<'text> Lexer<'text> {
                     // Further digits do not fit the fast path; they are read again below.
                     if mantissa < 100_000_000_000_000 {
                         mantissa = mantissa * 10 + u64::from(byte - b'0');
-                        decimals += usize::from(point);
+                        decimals += usize::from(has_point);
                     } else {
-                        exact = false;
+                        is_exact = false;
                     }
                 }
-                b'.' if !point => point = true,
+                b'.' if !has_point => has_point = true,
                 b'.' => {
                     let span = Span::new(start, self.at + 1);
                     return Err(Fault::new(
@@ -271,7 +271,7 @@ impl<'text> Lexer<'text> {
         // Below 2^53 and with at most 22 decimals numerator and denominator are exact doubles, so the
         // quotient is the correctly rounded value of the decimal (Clinger 1990).
         let magnitude = match POWERS_OF_TEN.get(decimals) {
-            Some(power) if exact => mantissa as f64 / power,
+            Some(power) if is_exact => mantissa as f64 / power,
             _ => self.slow_number(start, end)?,
         };
         if magnitude > MAX_NUMBER {
@@ -279,7 +279,7 @@ impl<'text> Lexer<'text> {
             return Err(Fault::new(Code::NumberTooLarge, Span::new(start, end), message)
                 .help("no machine travels that far; is a decimal point missing?"));
         }
-        Ok(if negative { -magnitude } else { magnitude })
+        Ok(if is_negative { -magnitude } else { magnitude })
     }
 
     #[cold]
@@ -311,15 +311,15 @@ impl<'text> Lexer<'text> {
     /// Reads a comment; the next character is `(`. It may contain any bytes.
     pub(crate) fn comment(&mut self) -> Result<Span, Fault> {
         let open = self.at;
-        for (place, &byte) in self.text.iter().enumerate().skip(open + 1) {
+        for (index, &byte) in self.text.iter().enumerate().skip(open + 1) {
             match byte {
                 b')' => {
-                    self.at = place + 1;
-                    return Ok(Span::new(open + 1, place));
+                    self.at = index + 1;
+                    return Ok(Span::new(open + 1, index));
                 }
                 b'(' => {
                     let message = "a comment inside a comment";
-                    return Err(Fault::new(Code::NestedComment, Span::at(place), message)
+                    return Err(Fault::new(Code::NestedComment, Span::at(index), message)
                         .help("close the first one with ) or write [ ] inside"));
                 }
                 _ => {}
@@ -368,14 +368,14 @@ impl<'text> Lexer<'text> {
     }
 
     fn not_ascii(&self, byte: u8) -> Fault {
-        let piece = &self.text[self.at..self.text.len().min(self.at + 4)];
+        let bytes = &self.text[self.at..self.text.len().min(self.at + 4)];
         // Windows marks UTF-16 by its first two bytes.
         let help = if self.text.starts_with(&[0xFF, 0xFE]) || self.text.starts_with(&[0xFE, 0xFF]) {
             "the file is UTF-16; save it as plain text or UTF-8"
         } else {
             "outside comments a program must be plain ASCII"
         };
-        match String::from_utf8_lossy(piece).chars().next() {
+        match String::from_utf8_lossy(bytes).chars().next() {
             Some(character) if character != char::REPLACEMENT_CHARACTER => {
                 let span = Span::new(self.at, self.at + character.len_utf8());
                 let shown = character.escape_debug();
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_of_the_standard_are_read() {
+    fn standard_numbers_are_parsed() {
         for (text, expected) in [
             ("0", 0.0),
             ("+0012.50", 12.5),

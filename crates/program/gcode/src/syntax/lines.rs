@@ -88,7 +88,7 @@ impl Library {
     }
 
     /// Records a file that was read.
-    pub(crate) fn note_file(&mut self, name: &str, lines: &Shared<Lines>) {
+    pub(crate) fn record_file(&mut self, name: &str, lines: &Shared<Lines>) {
         self.files.push((format!("{name}.ngc"), Shared::clone(lines)));
     }
 
@@ -162,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_come_back_as_they_were() {
+    fn stored_lines_are_unchanged() {
         let mut lines = Lines::default();
         for (line, text) in [(3, "G1"), (4, ""), (9, "X1 Y2")] {
             lines.push(line, text.as_bytes());
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn names_do_not_lead_out_of_the_folders() {
+    fn names_do_not_escape_the_folders() {
         for name in ["../secret", "/etc/passwd", ".hidden", "a/b", "a b"] {
             assert!(
                 matches!(find_file(name, &[PathBuf::from("/")], 10), Ok(None)),

@@ -2,7 +2,7 @@
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::parameters::names::Normal;
+use crate::parameters::names::NormalizedName;
 use crate::parameters::values::Parameters;
 use crate::state::scope::Scope;
 use crate::syntax::block::{Block, Keyword, OWord, Word};
@@ -31,10 +31,10 @@ pub(crate) fn parse(text: &[u8], block: &mut Block, scope: &Scope<'_>) -> Result
     block.clear();
     let mut lexer = Lexer::new(text);
     // What may still come at the start: `/`, then N, then O.
-    let mut first = true;
-    let mut numbered = false;
+    let mut is_first = true;
+    let mut has_line_number = false;
     while let Some(byte) = lexer.peek() {
-        let start = lexer.place();
+        let start = lexer.position();
         match byte {
             b'a'..=b'z' | b'A'..=b'Z' | b'@' | b'^' | b'$' => {
                 lexer.advance();
@@ -43,10 +43,10 @@ pub(crate) fn parse(text: &[u8], block: &mut Block, scope: &Scope<'_>) -> Result
                     Some(value) => value,
                     None => return Err(no_value(&mut lexer, letter, start)),
                 };
-                let span = Span::new(start, lexer.place());
+                let span = Span::new(start, lexer.position());
                 if letter == b'N' {
-                    line_number(value, span, numbered || !block.words.is_empty())?;
-                    numbered = true;
+                    line_number(value, span, has_line_number || !block.words.is_empty())?;
+                    has_line_number = true;
                 } else {
                     if value.abs() > MAX_NUMBER {
                         return Err(too_large(letter, value, span));
@@ -56,30 +56,30 @@ pub(crate) fn parse(text: &[u8], block: &mut Block, scope: &Scope<'_>) -> Result
             }
             b'#' => assignment(&mut lexer, block, scope)?,
             b'(' => block.comments.push(lexer.comment()?),
-            b';' => lexer.finish(),
-            b'/' if first => lexer.advance(),
+            b';' => lexer.skip_rest(),
+            b'/' if is_first => lexer.advance(),
             b'/' => {
                 let message = "'/' is only permitted at the start of a line";
                 return Err(Fault::new(Code::MisplacedBlockDelete, Span::at(start), message));
             }
             b'0'..=b'9' | b'.' | b'+' | b'-' => {
                 lexer.number()?;
-                let place = Span::new(start, lexer.place());
+                let span = Span::new(start, lexer.position());
                 return Err(Fault::new(
                     Code::LetterMissing,
-                    place,
+                    span,
                     "a number without a letter before it",
                 ));
             }
             other => return Err(lexer.unexpected(other)),
         }
-        first = false;
+        is_first = false;
     }
     Ok(())
 }
 
-fn line_number(number: f64, span: Span, misplaced: bool) -> Result<(), Fault> {
-    if misplaced {
+fn line_number(number: f64, span: Span, is_misplaced: bool) -> Result<(), Fault> {
+    if is_misplaced {
         let message = "N: a line number is only permitted once, at the start of a line";
         return Err(Fault::new(
             Code::MisplacedLineNumber,
@@ -102,44 +102,44 @@ fn too_large(letter: u8, value: f64, span: Span) -> Fault {
 
 #[cold]
 fn no_value(lexer: &mut Lexer<'_>, letter: u8, start: usize) -> Fault {
-    let name = char::from(letter);
+    let letter_name = char::from(letter);
     match lexer.peek() {
         Some(byte) if !byte.is_ascii_alphabetic() && byte != b'(' && byte != b';' => {
             let mut fault = lexer.unexpected(byte);
-            fault.message = format!("{name} needs a number; {}", fault.message);
+            fault.message = format!("{letter_name} needs a number; {}", fault.message);
             fault
         }
         _ => Fault::new(
             Code::NumberMissing,
             Span::at(start),
-            format!("{name} needs a number directly after it"),
+            format!("{letter_name} needs a number directly after it"),
         ),
     }
 }
 
 /// `#5 = 3`; the next character is `#`.
 fn assignment(lexer: &mut Lexer<'_>, block: &mut Block, scope: &Scope<'_>) -> Result<(), Fault> {
-    let start = lexer.place();
+    let start = lexer.position();
     let mut evaluator = Evaluator::new(lexer, scope);
     let target = evaluator.target()?;
-    let place = Span::new(start, evaluator.lexer.place());
+    let span = Span::new(start, evaluator.lexer.position());
     if !evaluator.lexer.take(b'=') {
         let message = "a parameter without a letter before it or '=' after it";
         return Err(
-            Fault::new(Code::LetterMissing, place, message).help("write #5 = 3 to set it, X#5 to use it")
+            Fault::new(Code::LetterMissing, span, message).help("write #5 = 3 to set it, X#5 to use it")
         );
     }
     let value = evaluator.required("after '='")?;
     match target {
         Target::Numbered(index) if Parameters::is_read_only(index) => {
             let message = format!("#{index} cannot be written");
-            return Err(Fault::new(Code::ReadOnlyParameter, place, message));
+            return Err(Fault::new(Code::ReadOnlyParameter, span, message));
         }
         Target::Named(inside) => {
-            let name = evaluator.normal(inside)?;
+            let name = evaluator.normalized_name(inside)?;
             if crate::parameters::system::System::of(name.as_str()).is_some() {
                 let message = format!("#<{}> cannot be written", name.as_str());
-                return Err(Fault::new(Code::ReadOnlyParameter, place, message)
+                return Err(Fault::new(Code::ReadOnlyParameter, span, message)
                     .help("it shows the state of the interpreter; choose another name"));
             }
         }
@@ -171,52 +171,56 @@ fn read_o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
         }
     }
     let start = match lexer.peek() {
-        Some(b'o' | b'O') => lexer.place(),
+        Some(b'o' | b'O') => lexer.position(),
         _ => return Ok(None),
     };
     lexer.advance();
-    let bad = |lexer: &Lexer<'_>, message: &str| {
-        Fault::new(Code::OWord, Span::new(start, lexer.place()), message.to_owned())
-            .help("write O and a number or a <name>, then sub, call, if, while, do, repeat ...")
+    let malformed = |lexer: &Lexer<'_>, message: &str| {
+        Fault::new(
+            Code::OWord,
+            Span::new(start, lexer.position()),
+            message.to_owned(),
+        )
+        .help("write O and a number or a <name>, then sub, call, if, while, do, repeat ...")
     };
     let name = match lexer.peek() {
         Some(b'<') => {
             let inside = lexer.name()?;
-            Normal::new(&text[inside.start as usize..inside.end as usize])
+            NormalizedName::new(&text[inside.start as usize..inside.end as usize])
         }
         Some(b'0'..=b'9' | b'#' | b'[') => {
-            if let Some((number, end)) = lexer.short_whole(lexer.place()) {
-                lexer.go_back(end);
-                Some(Normal::of_number(number as u32))
+            if let Some((number, end)) = lexer.short_integer(lexer.position()) {
+                lexer.seek(end);
+                Some(NormalizedName::of_number(number as u32))
             } else {
                 let number = Evaluator::new(&mut lexer, scope).value()?.unwrap_or(-1.0);
-                let whole = (number - number.round()).abs() <= 1e-4;
-                if !(0.0..=f64::from(u32::MAX)).contains(&number) || !whole {
-                    return Err(bad(
+                let is_integer = (number - number.round()).abs() <= 1e-4;
+                if !(0.0..=f64::from(u32::MAX)).contains(&number) || !is_integer {
+                    return Err(malformed(
                         &lexer,
                         "the number of an O-word must be an integer of at least 0",
                     ));
                 }
-                Some(Normal::of_number(number.round() as u32))
+                Some(NormalizedName::of_number(number.round() as u32))
             }
         }
-        _ => return Err(bad(&lexer, "O without a number or a name")),
+        _ => return Err(malformed(&lexer, "O without a number or a name")),
     };
     let Some(name) = name else {
-        return Err(bad(&lexer, "this is not a valid name for an O-word"));
+        return Err(malformed(&lexer, "this is not a valid name for an O-word"));
     };
-    let span = Span::new(start, lexer.place());
-    let mut word = [0; 16];
+    let span = Span::new(start, lexer.position());
+    let mut letters = [0; 16];
     lexer.peek();
-    let before = lexer.place();
-    let length = lexer.letters(&mut word);
-    let keyword = match Keyword::of(&word[..length]) {
+    let keyword_start = lexer.position();
+    let length = lexer.take_letters(&mut letters);
+    let keyword = match Keyword::of(&letters[..length]) {
         Some(keyword) => keyword,
         None => {
-            let shown = String::from_utf8_lossy(&word[..length]).into_owned();
-            let place = Span::new(before, lexer.place());
+            let shown = String::from_utf8_lossy(&letters[..length]).into_owned();
+            let span = Span::new(keyword_start, lexer.position());
             return Err(
-                Fault::new(Code::OWord, place, format!("there is no O-word {shown}")).help(
+                Fault::new(Code::OWord, span, format!("there is no O-word {shown}")).help(
                     "O-words are sub endsub call return, if elseif else endif, while endwhile do, repeat \
                  endrepeat, break continue",
                 ),
@@ -227,7 +231,7 @@ fn read_o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
         span,
         name,
         keyword,
-        rest: lexer.place(),
+        rest: lexer.position(),
     }))
 }
 
@@ -247,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn case_and_blanks_mean_nothing() {
+    fn words_ignore_case_and_blanks() {
         // The standard's own example, 3.3.2.
         assert_eq!(words("g0x +0. 12 34y 7"), words("G0 X+0.1234 Y7"));
         assert_eq!(words("g0x +0. 12 34y 7"), [('G', 0.0), ('X', 0.1234), ('Y', 7.0)]);
@@ -268,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn percent_lines_hold_nothing_else() {
+    fn percent_lines_contain_nothing_else() {
         assert!(is_percent(b" % \t"));
         assert!(!is_percent(b"%1") && !is_percent(b"") && !is_percent(b"%%"));
     }

@@ -13,7 +13,7 @@ use crate::codes::modal_groups::{
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::diagnostics::foreign_codes;
 use crate::syntax::block::Block;
-use crate::syntax::word_faults::{negative, no_such_axis, two_of_group, whole};
+use crate::syntax::word_faults::{integer, negative, no_such_axis, two_codes_of_group};
 use crate::{Code, SPINDLES, Settings};
 
 /// The letters, and `@` `^` `$`.
@@ -36,7 +36,7 @@ pub(crate) struct Statement {
     motion: Option<Motion>,
 }
 
-const fn place(letter: u8) -> usize {
+const fn word_index(letter: u8) -> usize {
     match letter {
         b'@' => 26,
         b'^' => 27,
@@ -45,17 +45,17 @@ const fn place(letter: u8) -> usize {
     }
 }
 
-pub(crate) const fn letter_of(place: usize) -> u8 {
-    match place {
+pub(crate) const fn letter_at(index: usize) -> u8 {
+    match index {
         26 => b'@',
         27 => b'^',
         28 => b'$',
-        _ => b'A' + place as u8,
+        _ => b'A' + index as u8,
     }
 }
 
 pub(crate) const fn bit(letter: u8) -> u32 {
-    1 << place(letter)
+    1 << word_index(letter)
 }
 
 /// The bits of several letters.
@@ -140,7 +140,7 @@ impl Statement {
     }
 
     /// Keeps T and M6 here and returns the rest of the line.
-    pub(crate) fn divide(&mut self) -> Self {
+    pub(crate) fn split_at_tool_change(&mut self) -> Self {
         let mut rest = self.clone();
         rest.m[Group::ToolChange as usize] = None;
         rest.any_m = rest.m.iter().any(Option::is_some);
@@ -168,9 +168,9 @@ impl Statement {
     }
 
     /// The code of group 0.
-    pub(crate) fn once(&self) -> Option<NonModal> {
+    pub(crate) fn non_modal(&self) -> Option<NonModal> {
         match self.g(Group::NonModal) {
-            Some(GCode::NonModal(once)) => Some(once),
+            Some(GCode::NonModal(code)) => Some(code),
             _ => None,
         }
     }
@@ -178,7 +178,7 @@ impl Statement {
     /// G92.1, G92.2 or G92.3.
     pub(crate) fn offset_switch(&self) -> Option<NonModal> {
         match self.g(Group::OffsetSwitch) {
-            Some(GCode::NonModal(once)) => Some(once),
+            Some(GCode::NonModal(code)) => Some(code),
             _ => None,
         }
     }
@@ -224,7 +224,7 @@ impl Statement {
     /// Value of a word, by upper-case letter.
     #[inline]
     pub(crate) fn word(&self, letter: u8) -> Option<f64> {
-        self.has(letter).then(|| self.values[place(letter)])
+        self.has(letter).then(|| self.values[word_index(letter)])
     }
 
     #[inline]
@@ -245,25 +245,25 @@ impl Statement {
     }
 
     /// Whether the line has `$-1`.
-    pub(crate) fn names_all_spindles(&self) -> bool {
+    pub(crate) fn selects_all_spindles(&self) -> bool {
         self.word(b'$') == Some(-1.0)
     }
 
     /// Checks that a code of the line uses `$`, and that none of them needs one spindle if all are named.
     fn check_spindle(&self) -> Result<(), Fault> {
         let span = self.span(b'$');
-        let of_one = self.motion.is_some_and(Motion::turns_spindle)
+        let needs_one_spindle = self.motion.is_some_and(Motion::uses_spindle)
             || self.m(Group::Spindle) == Some(MCode::SpindleOrient)
             || self.m(Group::Override) == Some(MCode::SpindleOverride)
             || self.g(Group::SpindleMode).is_some()
             || self.g(Group::FeedMode) == Some(GCode::FeedMode(FeedMode::PerRevolution));
-        let of_feed = self.g(Group::FeedMode).is_some();
-        if (of_one || of_feed) && self.names_all_spindles() {
+        let has_feed_mode = self.g(Group::FeedMode).is_some();
+        if (needs_one_spindle || has_feed_mode) && self.selects_all_spindles() {
             let message = "$-1 selects all spindles, and this line is for a single one";
             return Err(Fault::new(Code::SpindleSelection, span, message)
                 .help("write the number of the spindle; $-1 is for S, M3, M4 and M5"));
         }
-        if !of_one && self.m(Group::Spindle).is_none() && !self.has(b'S') {
+        if !needs_one_spindle && self.m(Group::Spindle).is_none() && !self.has(b'S') {
             let message = "no code on this line uses $, the spindle";
             return Err(Fault::new(Code::UnusedWord, span, message).help(
                 "it selects the spindle of S, M3, M4, M5, M19, M51, G33, G33.1, G76, G95, G96, G97 and of \
@@ -294,9 +294,9 @@ impl Statement {
     }
 
     /// A word that must be a non-negative integer.
-    pub(crate) fn whole(&self, letter: u8) -> Result<Option<u32>, Fault> {
+    pub(crate) fn integer(&self, letter: u8) -> Result<Option<u32>, Fault> {
         match self.word(letter) {
-            Some(value) => whole(value, char::from(letter), self.span(letter)).map(Some),
+            Some(value) => integer(value, char::from(letter), self.span(letter)).map(Some),
             None => Ok(None),
         }
     }
@@ -304,7 +304,7 @@ impl Statement {
     /// Span of a word on the line, or of the motion if the word is absent.
     pub(crate) fn span(&self, letter: u8) -> Span {
         if self.has(letter) {
-            self.spans[place(letter)]
+            self.spans[word_index(letter)]
         } else {
             self.motion_span()
         }
@@ -323,17 +323,17 @@ impl Statement {
         if let Some((_, span, _)) = self.g[Group::Motion as usize] {
             return span;
         }
-        let mut moved = self.present & (AXIS_BITS | CENTRE_BITS | bit(b'R'));
-        if moved == 0 {
-            moved = self.present;
+        let mut words = self.present & (AXIS_BITS | CENTRE_BITS | bit(b'R'));
+        if words == 0 {
+            words = self.present;
         }
-        self.first_span(moved)
+        self.first_span(words)
     }
 
     fn first_span(&self, words: u32) -> Span {
-        let spans = (0..WORDS).filter(|place| words >> place & 1 != 0);
+        let spans = (0..WORDS).filter(|index| words >> index & 1 != 0);
         spans
-            .map(|place| self.spans[place])
+            .map(|index| self.spans[index])
             .min_by_key(|span| span.start)
             .unwrap_or_else(|| Span::new(0, 0))
     }
@@ -355,17 +355,20 @@ impl Statement {
     fn add_g(&mut self, value: f64, span: Span, settings: &Settings) -> Result<(), Fault> {
         let tenths = (value * 10.0).round();
         let is_tenth = (value * 10.0 - tenths).abs() < 1e-3;
-        let whole = is_tenth && (0.0..=999.0).contains(&tenths);
+        let is_supported = is_tenth && (0.0..=999.0).contains(&tenths);
         let tenths = tenths as u32;
-        let of_lathe = settings.features.lathe.then(|| lathe_code(tenths)).flatten();
-        let of_fanuc = settings
+        let lathe = settings.features.lathe.then(|| lathe_code(tenths)).flatten();
+        let fanuc = settings
             .features
             .fanuc_threads
             .then(|| fanuc_code(tenths))
             .flatten();
-        let special = of_lathe.or(of_fanuc);
-        let Some(code) = special.or_else(|| GCode::from_tenths(tenths)).filter(|_| whole) else {
-            if whole && tenths == 750 {
+        let machine_code = lathe.or(fanuc);
+        let Some(code) = machine_code
+            .or_else(|| GCode::from_tenths(tenths))
+            .filter(|_| is_supported)
+        else {
+            if is_supported && tenths == 750 {
                 return Err(Fault::new(
                     Code::UnsupportedG,
                     span,
@@ -389,7 +392,7 @@ impl Statement {
                 self.g[group as usize] = Some((code, span, value));
                 return Ok(());
             }
-            return Err(two_of_group(group, span, format!("G{first} and G{value}")));
+            return Err(two_codes_of_group(group, span, format!("G{first} and G{value}")));
         }
         self.any_mode |= group != Group::Motion;
         self.g[group as usize] = Some((code, span, value));
@@ -397,7 +400,7 @@ impl Statement {
     }
 
     fn add_m(&mut self, value: f64, span: Span, user_codes: &[u32]) -> Result<(), Fault> {
-        let number = whole(value, 'M', span)?;
+        let number = integer(value, 'M', span)?;
         let code = MCode::from_number(number);
         if matches!(code, Some(MCode::User(_))) && !user_codes.contains(&number) {
             let message = format!("M{number} is not configured");
@@ -414,7 +417,7 @@ impl Statement {
         };
         let group = code.group();
         if let Some((.., first)) = self.m[group as usize] {
-            return Err(two_of_group(group, span, format!("M{first} and M{value}")));
+            return Err(two_codes_of_group(group, span, format!("M{first} and M{value}")));
         }
         self.any_m = true;
         self.m[group as usize] = Some((code, span, value));
@@ -430,8 +433,8 @@ impl Statement {
         }
         if bit(letter) & AXIS_BITS & !POLAR_BITS != 0 {
             let exists = AxisLetter::from_letter(name).is_some_and(|axis| axes[axis.index()]);
-            let increment = settings.features.lathe && matches!(letter, b'U' | b'W');
-            if !exists && !increment {
+            let is_increment = settings.features.lathe && matches!(letter, b'U' | b'W');
+            if !exists && !is_increment {
                 return Err(no_such_axis(name, span, axes));
             }
         }
@@ -439,13 +442,13 @@ impl Statement {
             b'F' if value < 0.0 => return Err(negative('F', value, span)),
             b'S' if value < 0.0 => return Err(negative('S', value, span)),
             b'T' => {
-                whole(value, 'T', span)?;
+                integer(value, 'T', span)?;
             }
             b'$' => spindle_exists(value, span, &settings.features.spindles)?,
             _ => {}
         }
-        self.values[place(letter)] = value;
-        self.spans[place(letter)] = span;
+        self.values[word_index(letter)] = value;
+        self.spans[word_index(letter)] = span;
         self.present |= bit(letter);
         Ok(())
     }
@@ -453,56 +456,61 @@ impl Statement {
     /// Determines the motion, and checks that only one code uses the axis words.
     fn select_motion(&mut self, modal: Motion) -> Result<(), Fault> {
         let code = self.motion_code();
-        let moving = code.filter(|motion| *motion != Motion::None);
-        let taker = match self.once() {
-            Some(once) if once.takes_axes() => Some(once.name()),
+        let new_motion = code.filter(|motion| *motion != Motion::None);
+        let user = match self.non_modal() {
+            Some(non_modal) if non_modal.uses_axes() => Some(non_modal.name()),
             _ => match self.length_offset() {
-                Some(LengthOffset::Given) => Some("G43.1"),
-                Some(LengthOffset::Added) if self.has_axes() && !self.has(b'H') => Some("G43.2"),
+                Some(LengthOffset::Dynamic) => Some("G43.1"),
+                Some(LengthOffset::Additional) if self.has_axes() && !self.has(b'H') => Some("G43.2"),
                 _ => None,
             },
         };
-        if let Some(taker) = taker {
+        if let Some(user) = user {
             if self.has_polar() {
-                let message = format!("@ and ^ have no meaning for {taker}");
+                let message = format!("@ and ^ have no meaning for {user}");
                 return Err(Fault::new(
                     Code::PolarCoordinates,
                     self.first_span(self.present & POLAR_BITS),
                     message,
                 ));
             }
-            if let Some(motion) = moving {
-                let message = format!("{taker} and {} both use the axis words", motion.name());
-                let help = match (self.once(), motion) {
+            if let Some(motion) = new_motion {
+                let message = format!("{user} and {} both use the axis words", motion.name());
+                let help = match (self.non_modal(), motion) {
                     (Some(NonModal::Home(_)), Motion::Rapid) => {
-                        format!("leave G0 out: {taker} moves at rapid")
+                        format!("leave G0 out: {user} moves at rapid")
                     }
                     _ => "write them on two lines".to_owned(),
                 };
                 return Err(Fault::new(Code::TwoUsers, self.motion_span(), message).help(help));
             }
-            if !self.has_axes() && matches!(self.once(), Some(NonModal::SetOffset | NonModal::LocalOffset)) {
+            if !self.has_axes()
+                && matches!(
+                    self.non_modal(),
+                    Some(NonModal::SetOffset | NonModal::LocalOffset)
+                )
+            {
                 let span = self.group_span(Group::NonModal);
                 return Err(Fault::new(
                     Code::OffsetAxesMissing,
                     span,
-                    format!("{taker} needs an axis word"),
+                    format!("{user} needs an axis word"),
                 )
                 .help("G92 X0 makes the present position X0; G92.1 clears the offset"));
             }
             return Ok(());
         }
         // R of M19 is its angle.
-        let radius = match self.m(Group::Spindle) {
+        let radius_bit = match self.m(Group::Spindle) {
             Some(MCode::SpindleOrient) => 0,
             _ => bit(b'R'),
         };
-        let round = self.present & (CENTRE_BITS | radius) != 0;
-        let wanted = self.has_axes() || modal.is_round() && round && self.once().is_none();
+        let has_arc_words = self.present & (CENTRE_BITS | radius_bit) != 0;
+        let is_wanted = self.has_axes() || modal.is_round() && has_arc_words && self.non_modal().is_none();
         let motion = code
-            .or(wanted.then_some(modal))
+            .or(is_wanted.then_some(modal))
             .filter(|motion| *motion != Motion::None);
-        if self.once() == Some(NonModal::Dwell) && self.has_axes() && !self.has(b'P') && code.is_none() {
+        if self.non_modal() == Some(NonModal::Dwell) && self.has_axes() && !self.has(b'P') && code.is_none() {
             let message = "G4 with an axis word: a dwell takes its time from P";
             return Err(Fault::new(
                 Code::DwellTimeMissing,
@@ -512,20 +520,20 @@ impl Statement {
             .help("write G4 P1.5 for 1.5 seconds"));
         }
         if let Some(
-            once @ (NonModal::SetHome(_)
+            non_modal @ (NonModal::SetHome(_)
             | NonModal::ClearOffset
             | NonModal::SuspendOffset
             | NonModal::RestoreOffset),
-        ) = self.once()
+        ) = self.non_modal()
             && self.has_axes()
             && code.is_none()
         {
             let message = format!(
                 "{} takes no axis words: they would be a move in the active mode",
-                once.name()
+                non_modal.name()
             );
-            let place = self.first_span(self.present & AXIS_BITS);
-            return Err(Fault::new(Code::UnusedWord, place, message)
+            let span = self.first_span(self.present & AXIS_BITS);
+            return Err(Fault::new(Code::UnusedWord, span, message)
                 .help("write the move on a line of its own, with its code"));
         }
         if motion.is_none() && self.has_axes() {
@@ -541,24 +549,24 @@ impl Statement {
         Ok(())
     }
 
-    /// Checks that every word has a user, and that P, Q, R, L, D, E and H have only one.
+    /// Checks that a code uses every word, and that only one uses each of P, Q, R, L, D, E and H.
     fn check_use(&self) -> Result<(), Fault> {
-        let plain = ALWAYS_USED | AXIS_BITS;
-        if self.present & !plain == 0 && self.once().is_none() {
+        let always_used = ALWAYS_USED | AXIS_BITS;
+        if self.present & !always_used == 0 && self.non_modal().is_none() {
             return Ok(());
         }
-        let mut used = plain;
+        let mut used = always_used;
         if self.has(b'$') {
             self.check_spindle()?;
             used |= bit(b'$');
         }
-        let mut twice = 0;
+        let mut claimed_twice = 0;
         let mut claim = |letters: u32| {
-            twice |= used & letters & !plain;
+            claimed_twice |= used & letters & !always_used;
             used |= letters;
         };
         claim(self.motion_words());
-        match self.once() {
+        match self.non_modal() {
             Some(NonModal::Dwell) => claim(bit(b'P')),
             Some(NonModal::SetData) => claim(match self.word(b'L') {
                 Some(2.0) => bits(b"LPR"),
@@ -573,12 +581,12 @@ impl Statement {
         }
         if matches!(
             self.length_offset(),
-            Some(LengthOffset::Table | LengthOffset::Added)
+            Some(LengthOffset::Table | LengthOffset::Additional)
         ) {
             claim(bit(b'H'));
         }
-        if let Some(Compensation::On { given, .. }) = self.compensation() {
-            claim(bits(if given { b"DL" } else { b"D" }));
+        if let Some(Compensation::On { dynamic, .. }) = self.compensation() {
+            claim(bits(if dynamic { b"DL" } else { b"D" }));
         }
         if self.g(Group::SpindleMode) == Some(GCode::ConstantSurfaceSpeed(true)) {
             claim(bit(b'D'));
@@ -602,11 +610,11 @@ impl Statement {
         if unused != 0 {
             return Err(self.unused(unused));
         }
-        let twice = twice & self.present;
-        if twice != 0 {
+        let claimed_twice = claimed_twice & self.present;
+        if claimed_twice != 0 {
             let letter = (0..WORDS)
-                .find(|place| twice >> place & 1 != 0)
-                .map_or(b'P', letter_of);
+                .find(|index| claimed_twice >> index & 1 != 0)
+                .map_or(b'P', letter_at);
             let name = char::from(letter);
             let message = format!("{name} could belong to more than one code on this line");
             return Err(
@@ -656,9 +664,9 @@ impl Statement {
 
     /// Values that are invalid in any state.
     fn check_values(&self) -> Result<(), Fault> {
-        let dwell = self.once() == Some(NonModal::Dwell);
-        let blend = self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend));
-        if dwell {
+        let is_dwell = self.non_modal() == Some(NonModal::Dwell);
+        let is_blend = self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend));
+        if is_dwell {
             match self.word(b'P') {
                 None => {
                     let span = self.group_span(Group::NonModal);
@@ -672,7 +680,7 @@ impl Statement {
                 Some(_) => {}
             }
         }
-        if blend {
+        if is_blend {
             for letter in [b'P', b'Q'] {
                 if let Some(value) = self.word(letter)
                     && value < 0.0

@@ -5,13 +5,13 @@ use evolvent_path::{AXES, AxisLetter};
 use crate::Code;
 use crate::codes::modal_groups::{Group, Motion};
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::syntax::statement::{Statement, WORDS, bit, letter_of};
+use crate::syntax::statement::{Statement, WORDS, bit, letter_at};
 
 impl Statement {
     #[cold]
     pub(crate) fn unused(&self, unused: u32) -> Fault {
         let first = (0..WORDS)
-            .map(letter_of)
+            .map(letter_at)
             .filter(|letter| unused & bit(*letter) != 0)
             .min_by_key(|letter| self.span(*letter).start)
             .unwrap_or(b'A');
@@ -55,7 +55,7 @@ pub(crate) fn no_such_axis(name: char, span: Span, axes: &[bool; AXES]) -> Fault
 }
 
 #[cold]
-pub(crate) fn two_of_group(group: Group, span: Span, mut message: String) -> Fault {
+pub(crate) fn two_codes_of_group(group: Group, span: Span, mut message: String) -> Fault {
     message.push_str(" are both ");
     message.push_str(group.name());
     Fault::new(Code::ModalGroup, span, message)
@@ -68,7 +68,7 @@ pub(crate) fn negative(letter: char, value: f64, span: Span) -> Fault {
 }
 
 /// A non-negative integer. As in LinuxCNC a rounding error of 1e-4 is accepted.
-pub(crate) fn whole(value: f64, name: char, span: Span) -> Result<u32, Fault> {
+pub(crate) fn integer(value: f64, name: char, span: Span) -> Result<u32, Fault> {
     let rounded = value.round();
     if (value - rounded).abs() > 1e-4 {
         return Err(Fault::new(

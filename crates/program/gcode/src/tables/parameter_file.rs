@@ -8,7 +8,7 @@ use std::path::Path;
 use evolvent_path::{AXES, Axes, AxisMask};
 
 use crate::parameters::values::{G92, G92_ACTIVE, HOME_G28, HOME_G30, NUMBERED, WORK_OFFSET, WORK_OFFSET_1};
-use crate::state::rotation::{rotation_of, turn, turn_back};
+use crate::state::rotation::{rotate, rotate_back, rotation_of};
 use crate::tables::store::{read_text, replace_file};
 use crate::{Interpreter, Settings, StoreError, WORK_OFFSETS};
 
@@ -51,25 +51,25 @@ pub enum ParameterFileError {
 /// G30, the offset of G92 and the work offsets. Lengths in mm, angles in degrees.
 ///
 /// ```no_run
-/// use evolvent_gcode::{Interpreter, KeptParameters, Settings};
+/// use evolvent_gcode::{Interpreter, PersistentParameters, Settings};
 /// # fn main() -> Result<(), evolvent_gcode::StoreError> {
 /// # let (program, file) = (&b""[..], std::path::Path::new("mill.var"));
-/// let mut kept = KeptParameters::load(file)?;
+/// let mut persistent = PersistentParameters::load(file)?;
 /// let mut settings = Settings::default();
-/// kept.apply(&mut settings);
+/// persistent.apply(&mut settings);
 /// let mut interpreter = Interpreter::new(program, settings);
 /// // ... all commands ...
-/// kept.update(&interpreter);
-/// kept.save(file)?;
+/// persistent.update(&interpreter);
+/// persistent.save(file)?;
 /// # Ok(())
 /// # }
 /// ```
 #[derive(Clone, Debug, PartialEq)]
-pub struct KeptParameters {
+pub struct PersistentParameters {
     values: BTreeMap<u32, f64>,
 }
 
-impl Default for KeptParameters {
+impl Default for PersistentParameters {
     /// Everything at 0, G54 active.
     fn default() -> Self {
         let mut values = BTreeMap::new();
@@ -88,13 +88,13 @@ impl Default for KeptParameters {
     }
 }
 
-impl KeptParameters {
+impl PersistentParameters {
     /// Parses a text: lines of number and value, in any order; empty lines and text after `;` are skipped.
     ///
     /// # Errors
     /// The first invalid line.
     pub fn parse(text: &str) -> Result<Self, ParameterFileError> {
-        let mut kept = Self::default();
+        let mut persistent = Self::default();
         let mut seen = std::collections::BTreeSet::new();
         for (index, content) in text.lines().enumerate() {
             let line = index + 1;
@@ -118,12 +118,12 @@ impl KeptParameters {
             if !seen.insert(number) {
                 return Err(ParameterFileError::Twice { line, number });
             }
-            kept.values.insert(number, value);
+            persistent.values.insert(number, value);
         }
-        Ok(kept)
+        Ok(persistent)
     }
 
-    /// Reads a file. A file that does not exist yet gives [`KeptParameters::default`].
+    /// Reads a file. A file that does not exist yet gives [`PersistentParameters::default`].
     ///
     /// # Errors
     /// [`StoreError`] if the file cannot be read or is invalid.
@@ -165,11 +165,12 @@ impl KeptParameters {
     /// Makes a parameter persistent. Returns false, without effect, if the parameter does not exist or the
     /// value is not finite or beyond 1e9.
     pub fn set(&mut self, number: u32, value: f64) -> bool {
-        let right = (1..NUMBERED as u32).contains(&number) && value.is_finite() && value.abs() <= MAX_VALUE;
-        if right {
+        let is_valid =
+            (1..NUMBERED as u32).contains(&number) && value.is_finite() && value.abs() <= MAX_VALUE;
+        if is_valid {
             self.values.insert(number, value);
         }
-        right
+        is_valid
     }
 
     /// All of them, by number.
@@ -180,7 +181,7 @@ impl KeptParameters {
     /// The active work offset, 0 for G54.
     #[must_use]
     pub fn active_offset(&self) -> usize {
-        let number = self.at(WORK_OFFSET);
+        let number = self.value(WORK_OFFSET);
         if (1.0..=WORK_OFFSETS as f64).contains(&number) {
             number as usize - 1
         } else {
@@ -204,14 +205,14 @@ impl KeptParameters {
         if index >= WORK_OFFSETS {
             return 0.0;
         }
-        self.at(WORK_OFFSET_1 + 20 * index + AXES)
+        self.value(WORK_OFFSET_1 + 20 * index + AXES)
     }
 
     /// The work offset with which `tip` (mm and degrees, machine coordinates less the tool offset) reads
     /// `values` in `axes`, as G10 L20 sets it. In a rotated system both X and Y of the zero change, so that
     /// an axis outside of `axes` keeps its reading.
     #[must_use]
-    pub fn touched_off(&self, index: usize, axes: AxisMask, values: &Axes, tip: &Axes, g92: &Axes) -> Axes {
+    pub fn touch_off(&self, index: usize, axes: AxisMask, values: &Axes, tip: &Axes, g92: &Axes) -> Axes {
         let zero = self.work_offset(index);
         let rotation = rotation_of(self.rotation_deg(index));
         if rotation[0] == 0.0 {
@@ -223,24 +224,30 @@ impl KeptParameters {
                 }
             });
         }
-        let now = turn_back(rotation, tip - zero) - g92;
-        let change = Axes::from_fn(|i, _| if axes.contains(i) { now[i] - values[i] } else { 0.0 });
-        zero + turn(rotation, change)
+        let position = rotate_back(rotation, tip - zero) - g92;
+        let change = Axes::from_fn(|i, _| {
+            if axes.contains(i) {
+                position[i] - values[i]
+            } else {
+                0.0
+            }
+        });
+        zero + rotate(rotation, change)
     }
 
     /// Writes a work offset. Returns false, without effect, for an index above 8 or invalid values.
     pub fn set_work_offset(&mut self, index: usize, offset: &Axes) -> bool {
-        let right = index < WORK_OFFSETS
+        let is_valid = index < WORK_OFFSETS
             && offset
                 .iter()
                 .all(|value| value.is_finite() && value.abs() <= MAX_VALUE);
-        if right {
+        if is_valid {
             for (axis, value) in offset.iter().enumerate() {
                 self.values
                     .insert((WORK_OFFSET_1 + 20 * index + axis) as u32, *value);
             }
         }
-        right
+        is_valid
     }
 
     /// Supplies the values to a program: offsets, rotation, the positions of G28 and G30, and all others.
@@ -250,7 +257,7 @@ impl KeptParameters {
             *offset = self.work_offset(index);
         }
         settings.offsets.active = self.active_offset();
-        settings.offsets.g92 = if self.at(G92_ACTIVE) == 0.0 {
+        settings.offsets.g92 = if self.value(G92_ACTIVE) == 0.0 {
             Axes::zeros()
         } else {
             self.axes(G92)
@@ -267,12 +274,12 @@ impl KeptParameters {
         }
     }
 
-    fn at(&self, number: usize) -> f64 {
+    fn value(&self, number: usize) -> f64 {
         self.get(number as u32).unwrap_or(0.0)
     }
 
     fn axes(&self, first: usize) -> Axes {
-        Axes::from_fn(|axis, _| self.at(first + axis))
+        Axes::from_fn(|axis, _| self.value(first + axis))
     }
 }
 
@@ -283,18 +290,18 @@ mod tests {
 
     /// Result of G10 L20 in a system, and of touching off there: X and Y of the zero.
     fn touched(set_up: &str, system: usize, words: &str, values: [f64; 2], axes: AxisMask) -> [[f64; 2]; 2] {
-        let mut before = KeptParameters::default();
+        let mut before = PersistentParameters::default();
         run(set_up, &mut before);
-        let mut after = KeptParameters::default();
+        let mut after = PersistentParameters::default();
         run(&format!("{set_up}G10 L20 P{} {words}\n", system + 1), &mut after);
         let mut interpreter = Interpreter::new(set_up.as_bytes(), Settings::default());
         interpreter.start_at(set_up.lines().count() as u32).unwrap();
         // The machine is at (31, 17): each set-up ends there.
-        let at = |pair: [f64; 2]| Axes::from_fn(|axis, _| pair.get(axis).copied().unwrap_or(0.0));
-        let g92 = Axes::from_fn(|axis, _| before.at(G92 + axis));
-        let found = before.touched_off(system, axes, &at(values), &at([31.0, 17.0]), &g92);
-        let wanted = after.work_offset(system);
-        [[wanted[0], wanted[1]], [found[0], found[1]]]
+        let axes_of = |pair: [f64; 2]| Axes::from_fn(|axis, _| pair.get(axis).copied().unwrap_or(0.0));
+        let g92 = Axes::from_fn(|axis, _| before.value(G92 + axis));
+        let found = before.touch_off(system, axes, &axes_of(values), &axes_of([31.0, 17.0]), &g92);
+        let expected = after.work_offset(system);
+        [[expected[0], expected[1]], [found[0], found[1]]]
     }
 
     #[test]
@@ -312,24 +319,24 @@ mod tests {
                 ("Y-4", [0.0, -4.0], y),
                 ("X1 Y-4", [1.0, -4.0], both),
             ] {
-                let [wanted, found] = touched(set_up, system, words, values, axes);
+                let [expected, found] = touched(set_up, system, words, values, axes);
                 assert!(
-                    (wanted[0] - found[0]).abs() < 1e-9 && (wanted[1] - found[1]).abs() < 1e-9,
-                    "{set_up}{words}: {wanted:?}, {found:?}"
+                    (expected[0] - found[0]).abs() < 1e-9 && (expected[1] - found[1]).abs() < 1e-9,
+                    "{set_up}{words}: {expected:?}, {found:?}"
                 );
             }
         }
     }
 
-    fn run(program: &str, kept: &mut KeptParameters) -> Vec<Action> {
+    fn run(program: &str, persistent: &mut PersistentParameters) -> Vec<Action> {
         let mut settings = Settings::default();
-        kept.apply(&mut settings);
+        persistent.apply(&mut settings);
         let mut interpreter = Interpreter::new(program.as_bytes(), settings);
         let mut actions = Vec::new();
         for item in &mut interpreter {
             actions.push(item.unwrap().action);
         }
-        kept.update(&interpreter);
+        persistent.update(&interpreter);
         actions
     }
 
@@ -342,27 +349,32 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_linuxcnc_is_read_and_comes_back() {
-        let kept =
-            KeptParameters::parse("5161\t1.5\n5220 2.000000\n5241 -10\n5250 90\n100 7 ; mine\n\n").unwrap();
+    fn a_linuxcnc_file_round_trips() {
+        let persistent =
+            PersistentParameters::parse("5161\t1.5\n5220 2.000000\n5241 -10\n5250 90\n100 7 ; mine\n\n")
+                .unwrap();
         assert_eq!(
-            (kept.get(5161), kept.get(100), kept.get(101)),
+            (persistent.get(5161), persistent.get(100), persistent.get(101)),
             (Some(1.5), Some(7.0), None)
         );
         assert_eq!(
-            (kept.active_offset(), kept.work_offset(1)[0], kept.rotation_deg(1)),
+            (
+                persistent.active_offset(),
+                persistent.work_offset(1)[0],
+                persistent.rotation_deg(1)
+            ),
             (1, -10.0, 90.0)
         );
-        assert_eq!(KeptParameters::parse(&kept.to_text()), Ok(kept));
+        assert_eq!(PersistentParameters::parse(&persistent.to_text()), Ok(persistent));
     }
 
     #[test]
-    fn values_come_back_to_the_last_bit() {
-        let mut kept = KeptParameters::default();
+    fn stored_values_round_trip_bit_for_bit() {
+        let mut persistent = PersistentParameters::default();
         for (number, value) in [(31, 0.1 + 0.2), (32, -1e-300), (33, 1e9), (34, 1.0 / 3.0)] {
-            assert!(kept.set(number, value));
+            assert!(persistent.set(number, value));
         }
-        assert_eq!(KeptParameters::parse(&kept.to_text()), Ok(kept));
+        assert_eq!(PersistentParameters::parse(&persistent.to_text()), Ok(persistent));
     }
 
     #[test]
@@ -375,78 +387,91 @@ mod tests {
             ("-1 0", 1),
             ("1 2 3", 1),
         ] {
-            match KeptParameters::parse(text) {
+            match PersistentParameters::parse(text) {
                 Err(ParameterFileError::Line { line: found, .. }) => assert_eq!(found, line, "{text}"),
                 other => panic!("{text}: {other:?}"),
             }
         }
         assert_eq!(
-            KeptParameters::parse("0 1"),
+            PersistentParameters::parse("0 1"),
             Err(ParameterFileError::Number { line: 1, number: 0 })
         );
         assert_eq!(
-            KeptParameters::parse("5602 1"),
+            PersistentParameters::parse("5602 1"),
             Err(ParameterFileError::Number {
                 line: 1,
                 number: 5602
             })
         );
         assert_eq!(
-            KeptParameters::parse("31 1\n31 1"),
+            PersistentParameters::parse("31 1\n31 1"),
             Err(ParameterFileError::Twice { line: 2, number: 31 })
         );
-        let mut kept = KeptParameters::default();
-        assert!(!kept.set(0, 1.0) && !kept.set(5602, 1.0) && !kept.set(31, f64::NAN));
-        assert!(!kept.set_work_offset(9, &Axes::zeros()));
-        assert!(!kept.set_work_offset(0, &Axes::repeat(f64::INFINITY)));
+        let mut persistent = PersistentParameters::default();
+        assert!(!persistent.set(0, 1.0) && !persistent.set(5602, 1.0) && !persistent.set(31, f64::NAN));
+        assert!(!persistent.set_work_offset(9, &Axes::zeros()));
+        assert!(!persistent.set_work_offset(0, &Axes::repeat(f64::INFINITY)));
     }
 
     #[test]
-    fn a_program_finds_what_the_one_before_has_left() {
-        let mut kept = KeptParameters::parse("100 0").unwrap();
+    fn parameters_persist_to_the_next_program() {
+        let mut persistent = PersistentParameters::parse("100 0").unwrap();
         run(
             "#100=42 #101=43\nG10 L2 P2 X10 Y20 R90\nG55\nG92 Z5\nG0 X1\nG28.1\nM2\n",
-            &mut kept,
+            &mut persistent,
         );
-        assert_eq!((kept.get(100), kept.get(101)), (Some(42.0), None));
-        let text = kept.to_text();
-        let mut kept = KeptParameters::parse(&text).unwrap();
+        assert_eq!((persistent.get(100), persistent.get(101)), (Some(42.0), None));
+        let text = persistent.to_text();
+        let mut persistent = PersistentParameters::parse(&text).unwrap();
         // G55 rotated by 90 degrees: X1 of the work is one beyond Y20 of the machine.
-        let end = end_of(&run("G55 G0 X1 Y0 Z0\nM2\n", &mut kept));
+        let end = end_of(&run("G55 G0 X1 Y0 Z0\nM2\n", &mut persistent));
         assert!(
             (end[0] - 10.0).abs() < 1e-12 && (end[1] - 21.0).abs() < 1e-12,
             "{end}"
         );
         assert_eq!(end[2], -5.0);
-        assert_eq!(kept.to_text(), text, "a run that writes nothing keeps everything");
+        assert_eq!(
+            persistent.to_text(),
+            text,
+            "a run that writes nothing keeps everything"
+        );
     }
 
     #[test]
     fn the_next_program_begins_in_g54() {
         for end in ["M2\n", "M30\n", ""] {
-            let mut kept = KeptParameters::default();
-            run(&format!("G10 L2 P2 X50\nG55 G0 X1\n{end}"), &mut kept);
-            assert_eq!((kept.active_offset(), kept.work_offset(1)[0]), (0, 50.0));
-            assert_eq!(end_of(&run("G0 X1\nM2\n", &mut kept))[0], 1.0);
+            let mut persistent = PersistentParameters::default();
+            run(&format!("G10 L2 P2 X50\nG55 G0 X1\n{end}"), &mut persistent);
+            assert_eq!(
+                (persistent.active_offset(), persistent.work_offset(1)[0]),
+                (0, 50.0)
+            );
+            assert_eq!(end_of(&run("G0 X1\nM2\n", &mut persistent))[0], 1.0);
         }
         // Without an end, as after an MDI block, it is kept.
-        let mut kept = KeptParameters::default();
+        let mut persistent = PersistentParameters::default();
         let settings = Settings {
-            is_block: true,
+            is_mdi: true,
             ..Settings::default()
         };
         let mut block = Interpreter::new("G55\n".as_bytes(), settings);
         while block.next().is_some() {}
-        kept.update(&block);
-        assert_eq!(kept.active_offset(), 1);
+        persistent.update(&block);
+        assert_eq!(persistent.active_offset(), 1);
     }
 
     #[test]
     fn the_next_program_can_restore_a_suspended_g92() {
-        let mut kept = KeptParameters::default();
-        run("G92 X7\nG92.2\nM2\n", &mut kept);
-        assert_eq!((kept.get(5210), kept.get(5211)), (Some(0.0), Some(-7.0)));
-        assert_eq!(end_of(&run("G0 X1\nG92.3\nG0 X1\nM2\n", &mut kept))[0], -6.0);
+        let mut persistent = PersistentParameters::default();
+        run("G92 X7\nG92.2\nM2\n", &mut persistent);
+        assert_eq!(
+            (persistent.get(5210), persistent.get(5211)),
+            (Some(0.0), Some(-7.0))
+        );
+        assert_eq!(
+            end_of(&run("G0 X1\nG92.3\nG0 X1\nM2\n", &mut persistent))[0],
+            -6.0
+        );
     }
 
     #[test]
@@ -454,15 +479,18 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("evolvent-kept-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let file = folder.join("mill.var");
-        assert_eq!(KeptParameters::load(&file).unwrap(), KeptParameters::default());
-        let mut kept = KeptParameters::default();
-        kept.set(31, 1.0);
-        kept.save(&file).unwrap();
+        assert_eq!(
+            PersistentParameters::load(&file).unwrap(),
+            PersistentParameters::default()
+        );
+        let mut persistent = PersistentParameters::default();
+        persistent.set(31, 1.0);
+        persistent.save(&file).unwrap();
         let link = folder.join("link.var");
         std::os::unix::fs::symlink(&file, &link).unwrap();
-        kept.set(31, 2.0);
-        kept.save(&link).unwrap();
-        assert_eq!(KeptParameters::load(&file).unwrap().get(31), Some(2.0));
+        persistent.set(31, 2.0);
+        persistent.save(&link).unwrap();
+        assert_eq!(PersistentParameters::load(&file).unwrap().get(31), Some(2.0));
         assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(
             std::fs::read_dir(&folder).unwrap().count(),
@@ -470,10 +498,10 @@ mod tests {
             "nothing is left beside"
         );
         std::fs::write(&file, "nonsense").unwrap();
-        let error = KeptParameters::load(&file).unwrap_err().to_string();
+        let error = PersistentParameters::load(&file).unwrap_err().to_string();
         assert!(error.contains("mill.var") && error.contains("line 1"), "{error}");
         assert!(matches!(
-            kept.save(&folder.join("no/such")),
+            persistent.save(&folder.join("no/such")),
             Err(StoreError::Write { .. })
         ));
         std::fs::remove_dir_all(&folder).unwrap();

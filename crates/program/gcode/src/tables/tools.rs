@@ -166,12 +166,12 @@ impl ToolTable {
             // Writing to a string cannot fail; all digits, so that a value is reproduced bit for bit.
             let _ = write!(text, "T{} P{}", tool.number, tool.pocket);
             let lengths = AxisLetter::ALL.map(|axis| (axis.letter(), tool.offset[axis.index()]));
-            let shape = [
+            let geometry = [
                 ('D', tool.diameter_mm),
                 ('I', tool.front_angle_deg),
                 ('J', tool.back_angle_deg),
             ];
-            for (letter, value) in lengths.into_iter().chain(shape) {
+            for (letter, value) in lengths.into_iter().chain(geometry) {
                 if value != 0.0 {
                     let _ = write!(text, " {letter}{value}");
                 }
@@ -206,7 +206,7 @@ impl ToolTable {
         for (index, content) in text.lines().enumerate() {
             let line = index + 1;
             let (content, remark) = content.split_once(';').unwrap_or((content, ""));
-            match tool_of(content, line) {
+            match parse_tool(content, line) {
                 Ok(None) => {}
                 Ok(Some(tool)) if !known.insert(tool.number) => errors.push(ToolTableError::Twice {
                     line,
@@ -238,8 +238,12 @@ impl ToolTable {
 
     /// Adds or replaces a tool. Its data are checked when a program uses them.
     pub fn set(&mut self, tool: Tool) {
-        match self.tools.iter_mut().find(|known| known.number == tool.number) {
-            Some(known) => *known = tool,
+        match self
+            .tools
+            .iter_mut()
+            .find(|existing| existing.number == tool.number)
+        {
+            Some(existing) => *existing = tool,
             None => self.tools.push(tool),
         }
     }
@@ -278,14 +282,14 @@ impl ToolTable {
 }
 
 /// The tool of a line, without its remark; `None` on an empty line.
-fn tool_of(content: &str, line: usize) -> Result<Option<Tool>, ToolTableError> {
+fn parse_tool(content: &str, line: usize) -> Result<Option<Tool>, ToolTableError> {
     let mut tool = Tool::new(0);
-    let mut named = false;
-    let mut any = false;
+    let mut has_number = false;
+    let mut has_words = false;
     let mut letters = BTreeSet::new();
     for word in content.split_whitespace() {
-        any = true;
-        let bad = || ToolTableError::Word {
+        has_words = true;
+        let invalid_word = || ToolTableError::Word {
             line,
             word: word.to_owned(),
         };
@@ -295,21 +299,21 @@ fn tool_of(content: &str, line: usize) -> Result<Option<Tool>, ToolTableError> {
             .and_then(|text| text.parse::<f64>().ok());
         let value = number
             .filter(|value| value.is_finite() && value.abs() <= 1e6)
-            .ok_or_else(bad)?;
+            .ok_or_else(invalid_word)?;
         if !letters.insert(letter) {
             return Err(ToolTableError::Repeated { line, letter });
         }
-        let whole = |value: f64| {
-            let right = value.fract() == 0.0 && value >= 0.0;
-            right.then_some(value as u32).ok_or_else(bad)
+        let integer = |value: f64| {
+            let is_valid = value.fract() == 0.0 && value >= 0.0;
+            is_valid.then_some(value as u32).ok_or_else(invalid_word)
         };
         match letter {
-            'T' => (tool.number, named) = (whole(value)?, true),
-            'P' => tool.pocket = whole(value)?,
+            'T' => (tool.number, has_number) = (integer(value)?, true),
+            'P' => tool.pocket = integer(value)?,
             'D' => tool.diameter_mm = value,
             'I' => tool.front_angle_deg = value,
             'J' => tool.back_angle_deg = value,
-            'Q' if value <= f64::from(MAX_ORIENTATION) => tool.orientation = whole(value)?,
+            'Q' if value <= f64::from(MAX_ORIENTATION) => tool.orientation = integer(value)?,
             'Q' => {
                 return Err(ToolTableError::Orientation {
                     line,
@@ -318,14 +322,14 @@ fn tool_of(content: &str, line: usize) -> Result<Option<Tool>, ToolTableError> {
             }
             _ => {
                 let axis = "XYZABCUVW".find(letter).filter(|axis| *axis < AXES);
-                tool.offset[axis.ok_or_else(bad)?] = value;
+                tool.offset[axis.ok_or_else(invalid_word)?] = value;
             }
         }
     }
-    if !any {
+    if !has_words {
         return Ok(None);
     }
-    if !named {
+    if !has_number {
         return Err(ToolTableError::NoTool { line });
     }
     Ok(Some(tool))

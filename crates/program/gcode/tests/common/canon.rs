@@ -34,13 +34,13 @@ struct Printer {
     lines: Vec<String>,
     /// Direction and speed, by spindle.
     spindles: [(String, f64); SPINDLES],
-    told_spindles: [(String, f64); SPINDLES],
+    reported_spindles: [(String, f64); SPINDLES],
     coolant: (bool, bool),
-    told_coolant: (bool, bool),
+    reported_coolant: (bool, bool),
     spline_line: u32,
 }
 
-fn place(axes: &Axes) -> String {
+fn coordinates(axes: &Axes) -> String {
     let mut text = String::new();
     for index in 0..6 {
         // Avoids a negative zero.
@@ -84,25 +84,25 @@ impl Printer {
     /// Outputs the states of spindle and coolant once for several consecutive commands.
     fn flush(&mut self) {
         for (number, spindle) in self.spindles.iter().enumerate() {
-            let told = &mut self.told_spindles[number];
-            if *spindle == *told || spindle.0.is_empty() {
+            let reported = &mut self.reported_spindles[number];
+            if *spindle == *reported || spindle.0.is_empty() {
                 continue;
             }
             // The speed of a stopped spindle is ignored.
             let stopped = spindle.0 == "stop";
-            let was_stopped = matches!(told.0.as_str(), "" | "stop");
+            let was_stopped = matches!(reported.0.as_str(), "" | "stop");
             if !(stopped && was_stopped) {
                 let speed = if stopped { 0.0 } else { spindle.1 };
                 let name = numbered("spindle", number as u32);
                 self.lines.push(format!("{name} {} {speed:.4}", spindle.0));
             }
-            told.clone_from(spindle);
+            reported.clone_from(spindle);
         }
-        if self.coolant != self.told_coolant {
+        if self.coolant != self.reported_coolant {
             let (mist, flood) = self.coolant;
             self.lines
                 .push(format!("coolant {} {}", u8::from(mist), u8::from(flood)));
-            self.told_coolant = self.coolant;
+            self.reported_coolant = self.coolant;
         }
     }
 
@@ -115,7 +115,7 @@ impl Printer {
         match &command.action {
             Action::Move(step) => {
                 let feed = step.feed_mm_s * 60.0;
-                let end = place(&step.curve.end());
+                let end = coordinates(&step.curve.end());
                 let mode = path(step.path_mode);
                 match (&step.curve, step.kind) {
                     (_, MoveKind::Rapid) => self.put(format!("rapid{end}{mode}")),
@@ -150,14 +150,14 @@ impl Printer {
             Action::ToolNumber(tool) => self.put(format!("number {tool}")),
             Action::Spindle {
                 spindle,
-                direction: way,
+                direction: direction_name,
                 speed_rpm,
-            } => self.turn(*spindle, direction(*way), *speed_rpm),
+            } => self.set_spindle(*spindle, direction(*direction_name), *speed_rpm),
             Action::SurfaceSpeed {
                 spindle,
-                direction: way,
+                direction: direction_name,
                 surface,
-            } => self.turn(*spindle, direction(*way), surface.speed_m_min),
+            } => self.set_spindle(*spindle, direction(*direction_name), surface.speed_m_min),
             Action::OrientSpindle { spindle, degrees, .. } => {
                 self.spindles[*spindle as usize].0 = "stop".to_owned();
                 self.put(format!("{} {degrees:.4}", numbered("orient", *spindle)));
@@ -182,12 +182,15 @@ impl Printer {
                 ..
             } => {
                 let mode = path(*path_mode);
-                self.put(format!("thread{} K{pitch_mm:.5}{mode}", place(&curve.end())));
+                self.put(format!(
+                    "thread{} K{pitch_mm:.5}{mode}",
+                    coordinates(&curve.end())
+                ));
             }
             Action::RigidTap { curve, pitch_mm, .. } => {
-                self.put(format!("tap{} K{pitch_mm:.5}", place(&curve.end())));
+                self.put(format!("tap{} K{pitch_mm:.5}", coordinates(&curve.end())));
             }
-            Action::Probe { curve, .. } => self.put(format!("probe{}", place(&curve.end()))),
+            Action::Probe { curve, .. } => self.put(format!("probe{}", coordinates(&curve.end()))),
             Action::Output {
                 index,
                 on,
@@ -207,7 +210,7 @@ impl Printer {
         }
     }
 
-    fn turn(&mut self, spindle: u32, way: &str, speed: f64) {
-        self.spindles[spindle as usize] = (way.to_owned(), speed);
+    fn set_spindle(&mut self, spindle: u32, direction_name: &str, speed: f64) {
+        self.spindles[spindle as usize] = (direction_name.to_owned(), speed);
     }
 }

@@ -19,19 +19,19 @@ const CHIP_MM: f64 = 0.254;
 pub(super) const MAX_REPEATS: u32 = 100_000;
 
 /// Q from which a peck deeper than its hole is probably in micrometres, as in other dialects.
-const LONG_PECK: f64 = 100.0;
+const MIN_SUSPICIOUS_PECK: f64 = 100.0;
 
 /// Pitch below which F of a tapping cycle is probably the pitch, mm. Taps begin at about 0.2 mm.
-const LEAST_PITCH_MM: f64 = 0.1;
+const MIN_PITCH_MM: f64 = 0.1;
 
 /// Maximum number of pecks of one hole.
 const MAX_PECKS: f64 = 100_000.0;
 
 /// Maximum difference of equal heights: those of the tool come from machine coordinates, rounded by offsets.
-const SAME_HEIGHT_MM: f64 = 1e-7;
+const HEIGHT_TOLERANCE_MM: f64 = 1e-7;
 
 /// The spindle stop of G87.
-const AT_ZERO: SpindleAngle = SpindleAngle {
+const ORIENT_ZERO: SpindleAngle = SpindleAngle {
     degrees: 0.0,
     direction: None,
     timeout_s: 0.0,
@@ -41,11 +41,11 @@ const AT_ZERO: SpindleAngle = SpindleAngle {
 #[derive(Clone, Copy, Debug)]
 struct Hole {
     /// Index of the axis.
-    along: usize,
+    drill_axis: usize,
     r: f64,
     bottom: f64,
     /// The final height.
-    clear: f64,
+    clear_height: f64,
     q: f64,
     p: f64,
     path_mode: PathMode,
@@ -57,7 +57,7 @@ impl Executor<'_> {
         let line = self.line;
         let motion = Motion::Cycle(cycle);
         let name = motion.name();
-        let (across, along) = match self.state.modes.plane {
+        let (plane_axes, drill_axis) = match self.state.modes.plane {
             PlaneCode::Main(Plane::Xy) => ([0, 1], 2),
             PlaneCode::Main(Plane::Zx) => ([0, 2], 1),
             PlaneCode::Main(Plane::Yz) => ([1, 2], 0),
@@ -65,8 +65,11 @@ impl Executor<'_> {
             PlaneCode::Secondary(Plane::Zx) => ([6, 8], 7),
             PlaneCode::Secondary(Plane::Yz) => ([7, 8], 6),
         };
-        self.no_axes_but(if along < 3 { b"XYZ" } else { b"UVW" }, "a cycle in this plane")?;
-        if line.has_polar() && along != 2 {
+        self.allow_only_axes(
+            if drill_axis < 3 { b"XYZ" } else { b"UVW" },
+            "a cycle in this plane",
+        )?;
+        if line.has_polar() && drill_axis != 2 {
             return Err(self.wrong_plane("@ and ^ in a cycle"));
         }
         self.check_uncompensated(name)?;
@@ -77,67 +80,71 @@ impl Executor<'_> {
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message)
                 .help("give the position of the hole by at least one of its axes"));
         }
-        let here = self.state.program_of(self.state.programmed());
-        let before = self.state.sticky;
-        if before.running != Some(motion) {
+        let position = self.state.machine_to_program(self.state.programmed());
+        let before = self.state.cycle;
+        if before.active != Some(motion) {
             // The next cycle of a series keeps the height from which the series began.
-            let goes_on = before.running.is_some() && before.along == along;
-            self.state.sticky = crate::state::machine_state::CycleModal {
-                old: if goes_on { before.old } else { here[along] },
-                along,
-                running: Some(motion),
+            let continues_series = before.active.is_some() && before.drill_axis == drill_axis;
+            self.state.cycle = crate::state::machine_state::CycleModal {
+                initial_height: if continues_series {
+                    before.initial_height
+                } else {
+                    position[drill_axis]
+                },
+                drill_axis,
+                active: Some(motion),
                 ..crate::state::machine_state::CycleModal::default()
             };
         }
-        let mut hole = self.hole_of_line(cycle, along)?;
-        let dwells = !matches!(
+        let mut hole = self.hole_of_line(cycle, drill_axis)?;
+        let has_dwell = !matches!(
             cycle,
             Cycle::Drill | Cycle::ChipBreak | Cycle::Peck | Cycle::BoreFeed
         );
-        if dwells && line.has(b'P') {
+        if has_dwell && line.has(b'P') {
             self.warn_of_dwell(name, hole.p);
         }
-        if cycle.turns_spindle() {
+        if cycle.uses_spindle() {
             self.check_spindle(cycle, name)?;
         }
-        if matches!(cycle, Cycle::Tap | Cycle::TapLeft) && before.running != Some(motion) {
+        if matches!(cycle, Cycle::Tap | Cycle::TapLeft) && before.active != Some(motion) {
             self.warn_of_tiny_pitch(name);
         }
         let repeats = self.repeats_of(cycle, &hole, name)?;
-        let old = self.state.sticky.old;
-        let mut at = here;
-        if old < hole.r - SAME_HEIGHT_MM {
-            at[along] = hole.r;
-            self.rapid_to(at, &hole)?;
+        let initial_height = self.state.cycle.initial_height;
+        let mut target = position;
+        if initial_height < hole.r - HEIGHT_TOLERANCE_MM {
+            target[drill_axis] = hole.r;
+            self.rapid_to(target, &hole)?;
         }
-        hole.clear = if self.state.modes.retract_to_old {
-            old.max(hole.r)
+        hole.clear_height = if self.state.modes.retract_to_initial {
+            initial_height.max(hole.r)
         } else {
             hole.r
         };
         for _ in 0..repeats {
             if line.has_polar() {
-                self.polar(&mut at)?;
+                self.polar(&mut target)?;
             }
-            for axis in across {
+            for axis in plane_axes {
                 if let Some(value) = line.axis(axis) {
                     let value = value * self.state.word_unit(axis);
-                    at[axis] = if self.state.modes.incremental {
-                        at[axis] + value
+                    target[axis] = if self.state.modes.incremental {
+                        target[axis] + value
                     } else {
                         value
                     };
                 }
             }
             // Sideways at the present height; at R or below it, at the height to which the cycle retracts.
-            if at[along] <= hole.r + SAME_HEIGHT_MM {
-                at[along] = hole.clear;
+            if target[drill_axis] <= hole.r + HEIGHT_TOLERANCE_MM {
+                target[drill_axis] = hole.clear_height;
             }
-            self.rapid_to(at, &hole)?;
-            at[along] = hole.r;
-            self.rapid_to(at, &hole)?;
-            self.body(cycle, at, &hole)?;
-            at = self.state.program_of(self.state.position);
+            self.rapid_to(target, &hole)?;
+            target[drill_axis] = hole.r;
+            self.rapid_to(target, &hole)?;
+            self.execute_hole(cycle, target, &hole)?;
+            target = self.state.machine_to_program(self.state.position);
         }
         Ok(())
     }
@@ -145,7 +152,7 @@ impl Executor<'_> {
     /// The number of holes, with a limit for all pecks of the line.
     fn repeats_of(&mut self, cycle: Cycle, hole: &Hole, name: &str) -> Result<u32, Fault> {
         let line = self.line;
-        let repeats = line.whole(b'L')?.unwrap_or(1);
+        let repeats = line.integer(b'L')?.unwrap_or(1);
         if repeats == 0 || repeats > MAX_REPEATS {
             let message = format!("L{repeats}: a cycle is repeated 1 to {MAX_REPEATS} times");
             let fault = Fault::new(Code::OutOfRange, line.span(b'L'), message);
@@ -175,8 +182,8 @@ impl Executor<'_> {
     /// Warns of a peck that is probably meant in micrometres.
     fn warn_of_peck(&mut self, name: &str, hole: &Hole) {
         let Some(q) = self.line.word(b'Q') else { return };
-        if q >= LONG_PECK && q.fract() == 0.0 && hole.q > hole.r - hole.bottom {
-            self.out(Action::Warning(format!(
+        if q >= MIN_SUSPICIOUS_PECK && q.fract() == 0.0 && hole.q > hole.r - hole.bottom {
+            self.emit(Action::Warning(format!(
                 "{name} Q{q} is deeper than the hole, which is drilled without a peck, because Q is a \
                  length in the unit of the program in this dialect; {q} micrometres are Q{}",
                 q / 1000.0
@@ -185,43 +192,43 @@ impl Executor<'_> {
     }
 
     /// R, depth, Q and P, from the line or from earlier lines.
-    fn hole_of_line(&mut self, cycle: Cycle, along: usize) -> Result<Hole, Fault> {
+    fn hole_of_line(&mut self, cycle: Cycle, drill_axis: usize) -> Result<Hole, Fault> {
         let line = self.line;
         let name = Motion::Cycle(cycle).name();
         let unit = self.state.unit_mm();
-        let sticky = &mut self.state.sticky;
+        let modal = &mut self.state.cycle;
         if let Some(r) = line.word(b'R') {
-            sticky.r = Some(r * unit);
+            modal.r = Some(r * unit);
         }
         if let Some(q) = line.word(b'Q') {
             if q <= 0.0 {
                 let message = format!("Q{q}: the depth of a peck must be above 0");
                 return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
             }
-            sticky.q = Some(q * unit);
+            modal.q = Some(q * unit);
         }
         if let Some(p) = line.word(b'P') {
             if p < 0.0 {
                 return Err(crate::syntax::word_faults::negative('P', p, line.span(b'P')));
             }
-            sticky.p = Some(p);
+            modal.p = Some(p);
         }
-        let word_unit = self.state.word_unit(along);
-        let sticky = &mut self.state.sticky;
-        if let Some(depth) = line.axis(along) {
-            sticky.depth = Some(depth * word_unit);
+        let word_unit = self.state.word_unit(drill_axis);
+        let modal = &mut self.state.cycle;
+        if let Some(depth) = line.axis(drill_axis) {
+            modal.depth = Some(depth * word_unit);
         }
-        let sticky = *sticky;
+        let modal = *modal;
         let missing = |text: String| Err(Fault::new(Code::WordMissing, line.motion_span(), text));
-        let Some(mut r) = sticky.r else {
+        let Some(mut r) = modal.r else {
             return missing(format!("{name} needs R, the plane from which the tool feeds"));
         };
-        let Some(mut bottom) = sticky.depth else {
-            let letter = AxisLetter::ALL[along].letter();
+        let Some(mut bottom) = modal.depth else {
+            let letter = AxisLetter::ALL[drill_axis].letter();
             return missing(format!("{name} needs {letter}, the bottom of the hole"));
         };
         if self.state.modes.incremental {
-            r += sticky.old;
+            r += modal.initial_height;
             bottom += r;
         }
         if r < bottom {
@@ -233,7 +240,7 @@ impl Executor<'_> {
             return Err(Fault::new(Code::OutOfRange, line.motion_span(), message)
                 .help("in G91 R is relative to the present height, and the bottom to R"));
         }
-        let q = match (cycle, sticky.q) {
+        let q = match (cycle, modal.q) {
             (Cycle::ChipBreak | Cycle::Peck, None) => {
                 return missing(format!("{name} needs Q, the depth of a peck"));
             }
@@ -243,7 +250,7 @@ impl Executor<'_> {
             }
             (_, q) => q.unwrap_or(0.0),
         };
-        let p = match (cycle, sticky.p) {
+        let p = match (cycle, modal.p) {
             (Cycle::DrillDwell | Cycle::BoreStop | Cycle::BoreManual | Cycle::BoreDwell, None) => {
                 return missing(format!("{name} needs P, the time at the bottom in seconds"));
             }
@@ -255,10 +262,10 @@ impl Executor<'_> {
             other => other,
         };
         Ok(Hole {
-            along,
+            drill_axis,
             r,
             bottom,
-            clear: r,
+            clear_height: r,
             q,
             p,
             path_mode,
@@ -266,8 +273,8 @@ impl Executor<'_> {
     }
 
     fn check_spindle(&self, cycle: Cycle, name: &str) -> Result<(), Fault> {
-        let turning = self.state.modes.spindles[self.state.modes.active_spindle].direction;
-        let message = match (cycle, turning) {
+        let direction = self.state.modes.spindles[self.state.modes.active_spindle].direction;
+        let message = match (cycle, direction) {
             (_, SpindleDirection::Stopped) => format!("{name}, but the spindle does not turn"),
             (Cycle::Tap, SpindleDirection::CounterClockwise) => {
                 format!("{name}, but the spindle turns counter-clockwise")
@@ -284,24 +291,29 @@ impl Executor<'_> {
     }
 
     fn rapid_to(&mut self, program: Axes, hole: &Hole) -> Result<(), Fault> {
-        self.go(program, MoveKind::Rapid, hole.path_mode)
+        self.move_to(program, MoveKind::Rapid, hole.path_mode)
     }
 
     /// A straight move to a point in program coordinates. Axes that do not move keep their position bit for
     /// bit.
-    pub(crate) fn go(&mut self, program: Axes, kind: MoveKind, path_mode: PathMode) -> Result<(), Fault> {
-        let here = self.state.program_of(self.state.position);
-        let mut target = self.state.machine_of(program);
-        let level = program[0] != here[0] || program[1] != here[1];
+    pub(crate) fn move_to(
+        &mut self,
+        program: Axes,
+        kind: MoveKind,
+        path_mode: PathMode,
+    ) -> Result<(), Fault> {
+        let position = self.state.machine_to_program(self.state.position);
+        let mut target = self.state.program_to_machine(program);
+        let moves_xy = program[0] != position[0] || program[1] != position[1];
         for axis in AxisLetter::ALL {
             let index = axis.index();
-            let turned = index < 2 && level && self.state.rotation[0] != 0.0;
-            if program[index] == here[index] && !turned {
+            let is_coupled = index < 2 && moves_xy && self.state.rotation[0] != 0.0;
+            if program[index] == position[index] && !is_coupled {
                 target[index] = self.state.position[index];
             }
             check_coordinate(target[index], axis, self.line)?;
         }
-        self.put_line_in(target, kind, path_mode)
+        self.emit_line_in_mode(target, kind, path_mode)
     }
 
     /// Warns of a pitch that no tap has: F was probably meant per revolution.
@@ -315,9 +327,9 @@ impl Executor<'_> {
         };
         let feed_mm_min = linear_mm_s * 60.0;
         let pitch_mm = feed_mm_min / rpm;
-        if pitch_mm.is_finite() && pitch_mm < LEAST_PITCH_MM {
+        if pitch_mm.is_finite() && pitch_mm < MIN_PITCH_MM {
             let feed = feed_mm_min / self.state.unit_mm();
-            self.out(Action::Warning(format!(
+            self.emit(Action::Warning(format!(
                 "{name} at F{feed:.4} per minute and S{rpm} has a pitch of {pitch_mm:.4} mm; if F{feed:.4} is \
                  the pitch, write F{:.4}, or G95 before the cycle",
                 feed * rpm
@@ -350,14 +362,16 @@ impl Executor<'_> {
         }
         if hole.p > 0.0 {
             let text = format!("{name}: P has no effect, a rigid tap reverses at the depth without a dwell");
-            self.out(Action::Warning(text));
+            self.emit(Action::Warning(text));
         }
-        let target = self.state.machine_of(with(at, hole.along, hole.bottom));
+        let target = self
+            .state
+            .program_to_machine(at_height(at, hole.drill_axis, hole.bottom));
         for axis in AxisLetter::ALL {
             check_coordinate(target[axis.index()], axis, self.line)?;
         }
         let curve = self.line_to(target)?;
-        self.out(Action::RigidTap {
+        self.emit(Action::RigidTap {
             spindle: number as u32,
             curve,
             pitch_mm,
@@ -367,21 +381,21 @@ impl Executor<'_> {
     }
 
     /// From R down and up again.
-    fn body(&mut self, cycle: Cycle, mut at: Axes, hole: &Hole) -> Result<(), Fault> {
-        let (along, mode) = (hole.along, hole.path_mode);
+    fn execute_hole(&mut self, cycle: Cycle, mut at: Axes, hole: &Hole) -> Result<(), Fault> {
+        let (drill_axis, mode) = (hole.drill_axis, hole.path_mode);
         let mut to = |this: &mut Self, height: f64, kind: MoveKind| {
-            at[along] = height;
-            this.go(at, kind, mode)
+            at[drill_axis] = height;
+            this.move_to(at, kind, mode)
         };
         let (feed, rapid) = (MoveKind::Feed, MoveKind::Rapid);
-        let turning = self.state.modes.spindles[self.state.modes.active_spindle].direction;
+        let direction = self.state.modes.spindles[self.state.modes.active_spindle].direction;
         match cycle {
             Cycle::Drill => {
                 to(self, hole.bottom, feed)?;
             }
             Cycle::DrillDwell => {
                 to(self, hole.bottom, feed)?;
-                self.out(Action::Dwell { seconds: hole.p });
+                self.emit(Action::Dwell { seconds: hole.p });
             }
             Cycle::ChipBreak | Cycle::Peck => {
                 let mut depth = hole.r - hole.q;
@@ -401,38 +415,38 @@ impl Executor<'_> {
             }
             Cycle::BoreDwell => {
                 to(self, hole.bottom, feed)?;
-                self.out(Action::Dwell { seconds: hole.p });
-                return to(self, hole.clear, feed);
+                self.emit(Action::Dwell { seconds: hole.p });
+                return to(self, hole.clear_height, feed);
             }
             Cycle::BoreStop => {
                 to(self, hole.bottom, feed)?;
-                self.out(Action::Dwell { seconds: hole.p });
-                self.turn_spindle(SpindleDirection::Stopped);
-                to(self, hole.clear, rapid)?;
-                self.turn_spindle(turning);
+                self.emit(Action::Dwell { seconds: hole.p });
+                self.set_spindle_direction(SpindleDirection::Stopped);
+                to(self, hole.clear_height, rapid)?;
+                self.set_spindle_direction(direction);
                 return Ok(());
             }
             Cycle::BoreManual => {
                 to(self, hole.bottom, feed)?;
-                self.out(Action::Dwell { seconds: hole.p });
-                self.turn_spindle(SpindleDirection::Stopped);
-                self.out(Action::ProgramStop {
+                self.emit(Action::Dwell { seconds: hole.p });
+                self.set_spindle_direction(SpindleDirection::Stopped);
+                self.emit(Action::ProgramStop {
                     optional: false,
                     pallet: false,
                 });
                 // Resuming needs the axes back at the bottom, so it is this cycle that retracts.
-                to(self, hole.clear, rapid)?;
-                self.turn_spindle(turning);
+                to(self, hole.clear_height, rapid)?;
+                self.set_spindle_direction(direction);
                 return Ok(());
             }
             Cycle::Tap | Cycle::TapLeft
                 if self.settings.features.rigid_tapping[self.state.modes.active_spindle] =>
             {
                 self.tap_rigidly(cycle, at, hole)?;
-                return if hole.clear == hole.r {
+                return if hole.clear_height == hole.r {
                     Ok(())
                 } else {
-                    self.go(with(at, along, hole.clear), rapid, mode)
+                    self.move_to(at_height(at, drill_axis, hole.clear_height), rapid, mode)
                 };
             }
             Cycle::Tap | Cycle::TapLeft => {
@@ -441,49 +455,49 @@ impl Executor<'_> {
                 self.state.modes.spindle_override[modes.active_spindle] = false;
                 // A feed hold inside would stop the feed but not the spindle.
                 self.state.modes.feed_stop = false;
-                self.put_overrides(Some(Motion::Cycle(cycle).name()));
+                self.emit_overrides(Some(Motion::Cycle(cycle).name()));
                 to(self, hole.bottom, feed)?;
-                self.turn_spindle(SpindleDirection::Stopped);
-                self.turn_spindle(match turning {
+                self.set_spindle_direction(SpindleDirection::Stopped);
+                self.set_spindle_direction(match direction {
                     SpindleDirection::Clockwise => SpindleDirection::CounterClockwise,
                     _ => SpindleDirection::Clockwise,
                 });
-                self.out(Action::Dwell { seconds: hole.p });
-                to(self, hole.clear, feed)?;
-                self.turn_spindle(SpindleDirection::Stopped);
-                self.turn_spindle(turning);
+                self.emit(Action::Dwell { seconds: hole.p });
+                to(self, hole.clear_height, feed)?;
+                self.set_spindle_direction(SpindleDirection::Stopped);
+                self.set_spindle_direction(direction);
                 self.state.modes.feed_override = modes.feed_override;
                 self.state.modes.spindle_override = modes.spindle_override;
                 self.state.modes.feed_stop = modes.feed_stop;
-                self.put_overrides(Some(Motion::Cycle(cycle).name()));
+                self.emit_overrides(Some(Motion::Cycle(cycle).name()));
                 return Ok(());
             }
-            Cycle::BackBore => return self.back_bore(at, hole, turning),
+            Cycle::BackBore => return self.back_bore(at, hole, direction),
         }
-        to(self, hole.clear, rapid)
+        to(self, hole.clear_height, rapid)
     }
 
-    fn turn_spindle(&mut self, direction: SpindleDirection) {
+    fn set_spindle_direction(&mut self, direction: SpindleDirection) {
         let number = self.state.modes.active_spindle;
         self.state.modes.spindles[number].direction = direction;
-        self.spindle(number);
+        self.emit_spindle(number);
     }
 
     /// G87: through the hole beside its axis, then boring upwards.
-    fn back_bore(&mut self, at: Axes, hole: &Hole, turning: SpindleDirection) -> Result<(), Fault> {
+    fn back_bore(&mut self, at: Axes, hole: &Hole, direction: SpindleDirection) -> Result<(), Fault> {
         let line = self.line;
-        let along = hole.along;
+        let drill_axis = hole.drill_axis;
         // U, V and W use I, J and K as X, Y and Z do.
-        let first_axis = along / 6 * 6;
-        let across = match along - first_axis {
+        let first_axis = drill_axis / 6 * 6;
+        let shift_axes = match drill_axis - first_axis {
             2 => [(first_axis, b'I'), (first_axis + 1, b'J')],
             1 => [(first_axis, b'I'), (first_axis + 2, b'K')],
             _ => [(first_axis + 1, b'J'), (first_axis + 2, b'K')],
         };
-        let depth_letter = b"IJK"[along - first_axis];
+        let depth_letter = b"IJK"[drill_axis - first_axis];
         let (Some(first), Some(second), Some(top)) = (
-            line.word(across[0].1),
-            line.word(across[1].1),
+            line.word(shift_axes[0].1),
+            line.word(shift_axes[1].1),
             line.word(depth_letter),
         ) else {
             let message = "G87 needs I, J and K: the offset from the axis and the top of the bore";
@@ -495,39 +509,39 @@ impl Executor<'_> {
         } else {
             top * unit
         };
-        let mut aside = at;
-        aside[along] = hole.r;
-        aside[across[0].0] += first * unit;
-        aside[across[1].0] += second * unit;
-        let (mut below, mut inside) = (aside, at);
-        below[along] = hole.bottom;
-        inside[along] = hole.bottom;
-        self.go(aside, MoveKind::Rapid, hole.path_mode)?;
-        self.turn_spindle(SpindleDirection::Stopped);
-        self.orient_spindle(self.state.modes.active_spindle, AT_ZERO);
-        self.go(below, MoveKind::Rapid, hole.path_mode)?;
-        self.go(inside, MoveKind::Rapid, hole.path_mode)?;
-        self.turn_spindle(turning);
+        let mut shifted = at;
+        shifted[drill_axis] = hole.r;
+        shifted[shift_axes[0].0] += first * unit;
+        shifted[shift_axes[1].0] += second * unit;
+        let (mut below, mut inside) = (shifted, at);
+        below[drill_axis] = hole.bottom;
+        inside[drill_axis] = hole.bottom;
+        self.move_to(shifted, MoveKind::Rapid, hole.path_mode)?;
+        self.set_spindle_direction(SpindleDirection::Stopped);
+        self.orient_spindle(self.state.modes.active_spindle, ORIENT_ZERO);
+        self.move_to(below, MoveKind::Rapid, hole.path_mode)?;
+        self.move_to(inside, MoveKind::Rapid, hole.path_mode)?;
+        self.set_spindle_direction(direction);
         let mut end = inside;
-        end[along] = top;
-        self.go(end, MoveKind::Feed, hole.path_mode)?;
-        self.go(inside, MoveKind::Feed, hole.path_mode)?;
-        self.turn_spindle(SpindleDirection::Stopped);
-        self.orient_spindle(self.state.modes.active_spindle, AT_ZERO);
-        self.go(below, MoveKind::Rapid, hole.path_mode)?;
-        let mut out = below;
-        out[along] = hole.clear;
-        self.go(out, MoveKind::Rapid, hole.path_mode)?;
+        end[drill_axis] = top;
+        self.move_to(end, MoveKind::Feed, hole.path_mode)?;
+        self.move_to(inside, MoveKind::Feed, hole.path_mode)?;
+        self.set_spindle_direction(SpindleDirection::Stopped);
+        self.orient_spindle(self.state.modes.active_spindle, ORIENT_ZERO);
+        self.move_to(below, MoveKind::Rapid, hole.path_mode)?;
+        let mut above = below;
+        above[drill_axis] = hole.clear_height;
+        self.move_to(above, MoveKind::Rapid, hole.path_mode)?;
         let mut back = at;
-        back[along] = hole.clear;
-        self.go(back, MoveKind::Rapid, hole.path_mode)?;
-        self.turn_spindle(turning);
+        back[drill_axis] = hole.clear_height;
+        self.move_to(back, MoveKind::Rapid, hole.path_mode)?;
+        self.set_spindle_direction(direction);
         Ok(())
     }
 }
 
 /// The same point at another height.
-fn with(mut at: Axes, along: usize, height: f64) -> Axes {
-    at[along] = height;
+fn at_height(mut at: Axes, drill_axis: usize, height: f64) -> Axes {
+    at[drill_axis] = height;
     at
 }

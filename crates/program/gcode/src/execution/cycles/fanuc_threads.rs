@@ -22,15 +22,15 @@ impl FanucThread {
     }
 
     /// Called for another motion, whose F is a feed: a later thread needs its own lead.
-    pub(crate) fn forget_lead(&mut self) {
+    pub(crate) fn clear_lead(&mut self) {
         self.lead_mm = None;
     }
 }
 
 /// Path per revolution if the longer axis moves by `lead_mm`.
-fn along_path(way: &Axes, lead_mm: f64) -> f64 {
-    let longer = way[0].abs().max(way[2].abs());
-    lead_mm * libm::hypot(way[0], way[2]) / longer.max(f64::MIN_POSITIVE)
+fn lead_along_path(displacement: &Axes, lead_mm: f64) -> f64 {
+    let longer = displacement[0].abs().max(displacement[2].abs());
+    lead_mm * libm::hypot(displacement[0], displacement[2]) / longer.max(f64::MIN_POSITIVE)
 }
 
 impl Executor<'_> {
@@ -39,12 +39,12 @@ impl Executor<'_> {
         if !self.line.has_axes() {
             return Ok(());
         }
-        self.no_axes_but(b"XZ", "G32")?;
+        self.allow_only_axes(b"XZ", "G32")?;
         let lead_mm = self.fanuc_lead("G32")?;
         let degrees = self.fanuc_angle("G32")?;
         let target = self.target()?;
-        let pitch_mm = along_path(&(target - self.state.position), lead_mm);
-        self.put_thread(target, pitch_mm, degrees, None)
+        let pitch_mm = lead_along_path(&(target - self.state.position), lead_mm);
+        self.emit_thread(target, pitch_mm, degrees, None)
     }
 
     /// G92: to X (by R farther out at its start), along the thread to Z, outwards to the initial X, and back.
@@ -60,14 +60,14 @@ impl Executor<'_> {
                 "the highest speed of G96 is its word D; an offset is set by G10 L2 or `ctl touch-off`",
             ));
         }
-        self.no_axes_but(b"XZ", "G92")?;
+        self.allow_only_axes(b"XZ", "G92")?;
         let lead_mm = self.fanuc_lead("G92")?;
         let degrees = self.fanuc_angle("G92")?;
-        let start = self.state.program_of(self.state.position);
-        let goal = self.state.program_of(self.target()?);
+        let start = self.state.machine_to_program(self.state.position);
+        let target = self.state.machine_to_program(self.target()?);
         let before = self.state.fanuc_thread.cycle;
         let z = match (line.has(b'Z'), before) {
-            (true, _) => goal[2],
+            (true, _) => target[2],
             (false, Some((z, _))) => z,
             (false, None) => {
                 let message = "G92 needs Z, the end of the thread";
@@ -79,7 +79,7 @@ impl Executor<'_> {
             (None, Some((_, taper))) => taper,
             (None, None) => 0.0,
         };
-        let x = goal[0];
+        let x = target[0];
         if !line.has(b'X') || x == start[0] || z == start[2] {
             let message = "G92 needs X, the depth, away from where it begins, and an end Z away from there";
             return Err(Fault::new(Code::OutOfRange, line.motion_span(), message)
@@ -91,11 +91,11 @@ impl Executor<'_> {
             at
         };
         let (begin, end) = (point(x + taper, start[2]), point(x, z));
-        let pitch_mm = along_path(&(end - begin), lead_mm);
-        self.go(begin, MoveKind::Rapid, PathMode::ExactPath)?;
+        let pitch_mm = lead_along_path(&(end - begin), lead_mm);
+        self.move_to(begin, MoveKind::Rapid, PathMode::ExactPath)?;
         self.thread_to(end, pitch_mm, degrees, start[0])?;
-        self.go(point(start[0], z), MoveKind::Rapid, PathMode::ExactPath)?;
-        self.go(start, MoveKind::Rapid, PathMode::ExactPath)?;
+        self.move_to(point(start[0], z), MoveKind::Rapid, PathMode::ExactPath)?;
+        self.move_to(start, MoveKind::Rapid, PathMode::ExactPath)?;
         self.state.fanuc_thread.cycle = Some((z, taper));
         Ok(())
     }

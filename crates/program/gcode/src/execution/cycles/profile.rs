@@ -5,10 +5,10 @@
 //! the profile.
 
 /// Points closer than this are equal, mm.
-pub(crate) const NEAR: f64 = 1e-7;
+pub(crate) const EQUAL_MM: f64 = 1e-7;
 
 /// Corners that turn by less than this, rad, are joined as they are if their sides do not intersect.
-const ALL_BUT_TANGENT: f64 = 0.02;
+const NEARLY_TANGENT_RAD: f64 = 0.02;
 
 /// Ends of offset pieces no farther apart than this are joined, mm: programs are rounded to 0.01 or 0.001 mm.
 const JOIN_MM: f64 = 2e-3;
@@ -42,11 +42,11 @@ pub(crate) enum ProfileFault {
     Corner,
 }
 
-pub(crate) fn minus(a: Point, b: Point) -> Point {
+pub(crate) fn sub(a: Point, b: Point) -> Point {
     [a[0] - b[0], a[1] - b[1]]
 }
 
-pub(crate) fn plus(a: Point, direction: Point, distance: f64) -> Point {
+pub(crate) fn along(a: Point, direction: Point, distance: f64) -> Point {
     [a[0] + distance * direction[0], a[1] + distance * direction[1]]
 }
 
@@ -69,7 +69,7 @@ fn left(a: Point) -> Point {
 
 /// Rotation of the direction from the centre from `a` to `b` in the sense of `turn`, 0 to a full turn.
 fn sweep(centre: Point, a: Point, b: Point, turn: f64) -> f64 {
-    let (a, b) = (minus(a, centre), minus(b, centre));
+    let (a, b) = (sub(a, centre), sub(b, centre));
     let angle = turn * libm::atan2(cross(a, b), a[0] * b[0] + a[1] * b[1]);
     if angle < 0.0 {
         angle + std::f64::consts::TAU
@@ -111,15 +111,15 @@ impl Piece {
     }
 
     pub(crate) fn is_degenerate(&self) -> bool {
-        distance(self.start(), self.end()) < NEAR
+        distance(self.start(), self.end()) < EQUAL_MM
     }
 
     /// Direction at the start or end.
     fn direction(&self, at_end: bool) -> Point {
         match *self {
-            Self::Line { a, b } => unit(minus(b, a)),
+            Self::Line { a, b } => unit(sub(b, a)),
             Self::Arc { a, b, centre, turn } => {
-                let outwards = unit(minus(if at_end { b } else { a }, centre));
+                let outwards = unit(sub(if at_end { b } else { a }, centre));
                 let ahead = left(outwards);
                 [turn * ahead[0], turn * ahead[1]]
             }
@@ -127,15 +127,15 @@ impl Piece {
     }
 
     /// Whether a point of its line or circle is on the piece.
-    fn holds(&self, point: Point) -> bool {
-        if distance(point, self.start()) < NEAR || distance(point, self.end()) < NEAR {
+    fn contains(&self, point: Point) -> bool {
+        if distance(point, self.start()) < EQUAL_MM || distance(point, self.end()) < EQUAL_MM {
             return true;
         }
         match *self {
             Self::Line { a, b } => {
-                let (along, whole) = (minus(point, a), minus(b, a));
-                let share = along[0] * whole[0] + along[1] * whole[1];
-                share >= 0.0 && share <= whole[0] * whole[0] + whole[1] * whole[1]
+                let (to_point, chord) = (sub(point, a), sub(b, a));
+                let projection = to_point[0] * chord[0] + to_point[1] * chord[1];
+                projection >= 0.0 && projection <= chord[0] * chord[0] + chord[1] * chord[1]
             }
             Self::Arc { a, b, centre, turn } => sweep(centre, a, point, turn) <= sweep(centre, a, b, turn),
         }
@@ -143,29 +143,33 @@ impl Piece {
 
     /// Intersections of the lines or circles of both pieces.
     fn crossings(&self, other: &Self) -> [Option<Point>; 2] {
-        let pair = |middle: Point, direction: Point, square: f64| {
+        let chord_ends = |middle: Point, direction: Point, square: f64| {
             // Rounding may turn a tangent into a miss.
-            if square < -NEAR * NEAR {
+            if square < -EQUAL_MM * EQUAL_MM {
                 return [None; 2];
             }
             let half = square.max(0.0).sqrt();
             [
-                Some(plus(middle, direction, half)),
-                Some(plus(middle, direction, -half)),
+                Some(along(middle, direction, half)),
+                Some(along(middle, direction, -half)),
             ]
         };
         let line_and_circle = |a: Point, b: Point, centre: Point, radius: f64| {
-            let direction = unit(minus(b, a));
-            let along = minus(centre, a);
-            let foot = plus(a, direction, along[0] * direction[0] + along[1] * direction[1]);
-            let apart = distance(foot, centre);
-            pair(foot, direction, (radius - apart) * (radius + apart))
+            let direction = unit(sub(b, a));
+            let to_centre = sub(centre, a);
+            let foot = along(
+                a,
+                direction,
+                to_centre[0] * direction[0] + to_centre[1] * direction[1],
+            );
+            let separation = distance(foot, centre);
+            chord_ends(foot, direction, (radius - separation) * (radius + separation))
         };
         match (*self, *other) {
             (Self::Line { a, b }, Self::Line { a: c, b: d }) => {
-                let (way, other) = (minus(b, a), minus(d, c));
-                let share = cross(minus(c, a), other) / cross(way, other);
-                [share.is_finite().then(|| plus(a, way, share)), None]
+                let (direction, other_direction) = (sub(b, a), sub(d, c));
+                let fraction = cross(sub(c, a), other_direction) / cross(direction, other_direction);
+                [fraction.is_finite().then(|| along(a, direction, fraction)), None]
             }
             (Self::Line { a, b }, Self::Arc { a: on, centre, .. })
             | (Self::Arc { a: on, centre, .. }, Self::Line { a, b }) => {
@@ -177,34 +181,35 @@ impl Piece {
                     a: c, centre: second, ..
                 },
             ) => {
-                let (radius, other) = (distance(a, centre), distance(c, second));
-                let apart = distance(centre, second);
-                if apart < NEAR {
+                let (radius, second_radius) = (distance(a, centre), distance(c, second));
+                let separation = distance(centre, second);
+                if separation < EQUAL_MM {
                     return [None; 2];
                 }
-                let direction = unit(minus(second, centre));
-                let foot = (apart * apart + (radius - other) * (radius + other)) / (2.0 * apart);
-                let middle = plus(centre, direction, foot);
-                pair(middle, left(direction), (radius - foot) * (radius + foot))
+                let direction = unit(sub(second, centre));
+                let foot = (separation * separation + (radius - second_radius) * (radius + second_radius))
+                    / (2.0 * separation);
+                let middle = along(centre, direction, foot);
+                chord_ends(middle, left(direction), (radius - foot) * (radius + foot))
             }
         }
     }
 
     /// The piece offset to its left; `None` for an arc that vanishes.
-    fn aside(&self, allowance: f64) -> Option<Self> {
+    fn offset(&self, allowance: f64) -> Option<Self> {
         match *self {
             Self::Line { a, b } => {
                 let normal = left(self.direction(false));
                 Some(Self::Line {
-                    a: plus(a, normal, allowance),
-                    b: plus(b, normal, allowance),
+                    a: along(a, normal, allowance),
+                    b: along(b, normal, allowance),
                 })
             }
             Self::Arc { a, b, centre, turn } => {
                 let radius = distance(a, centre);
-                let wanted = radius - turn * allowance;
-                let moved = |point: Point| plus(centre, minus(point, centre), wanted / radius);
-                (wanted > NEAR).then(|| Self::Arc {
+                let offset_radius = radius - turn * allowance;
+                let moved = |point: Point| along(centre, sub(point, centre), offset_radius / radius);
+                (offset_radius > EQUAL_MM).then(|| Self::Arc {
                     a: moved(a),
                     b: moved(b),
                     centre,
@@ -222,16 +227,16 @@ impl Piece {
         // With increasing u an arc that turns left has a minimum, one that turns right a maximum.
         let point = [centre[0], centre[1] - turn * distance(a, centre)];
         let inside = sweep(centre, a, point, turn) < sweep(centre, a, b, turn);
-        (inside && distance(point, a) > NEAR && distance(point, b) > NEAR).then_some(point)
+        (inside && distance(point, a) > EQUAL_MM && distance(point, b) > EQUAL_MM).then_some(point)
     }
 
     /// The point of a monotonic piece at a height.
     pub(crate) fn at_height(&self, w: f64) -> Option<Point> {
         let (a, b) = (self.start(), self.end());
-        if (w - a[1]).abs() < NEAR {
+        if (w - a[1]).abs() < EQUAL_MM {
             return Some(a);
         }
-        if (w - b[1]).abs() < NEAR {
+        if (w - b[1]).abs() < EQUAL_MM {
             return Some(b);
         }
         if (w - a[1]) * (w - b[1]) > 0.0 {
@@ -242,7 +247,9 @@ impl Piece {
             b: [1.0, w],
         };
         let found = self.crossings(&level).into_iter().flatten();
-        found.map(|point| [point[0], w]).find(|point| self.holds(*point))
+        found
+            .map(|point| [point[0], w])
+            .find(|point| self.contains(*point))
     }
 }
 
@@ -252,10 +259,10 @@ pub(crate) fn check_monotonic(pieces: &[Piece]) -> Result<(), ProfileFault> {
         return Err(ProfileFault::Empty);
     }
     let forward = |piece: &Piece| match *piece {
-        Piece::Line { a, b } => b[0] >= a[0] - NEAR,
+        Piece::Line { a, b } => b[0] >= a[0] - EQUAL_MM,
         Piece::Arc { a, b, centre, turn } => {
             let ahead = |at_end| piece.direction(at_end)[0] >= -1e-6;
-            b[0] >= a[0] - NEAR
+            b[0] >= a[0] - EQUAL_MM
                 && ahead(false)
                 && ahead(true)
                 && sweep(centre, a, b, turn) < std::f64::consts::PI + 1e-6
@@ -269,22 +276,26 @@ pub(crate) fn check_monotonic(pieces: &[Piece]) -> Result<(), ProfileFault> {
 }
 
 /// The point at which a line and a nearly tangent arc touch.
-fn touch(before: &Piece, after: &Piece) -> Option<Point> {
+fn tangent_point(before: &Piece, after: &Piece) -> Option<Point> {
     let (a, b, centre) = match (*before, *after) {
         (Piece::Line { a, b }, Piece::Arc { centre, .. })
         | (Piece::Arc { centre, .. }, Piece::Line { a, b }) => (a, b, centre),
         _ => return None,
     };
-    let direction = unit(minus(b, a));
-    let along = minus(centre, a);
-    let foot = plus(a, direction, along[0] * direction[0] + along[1] * direction[1]);
+    let direction = unit(sub(b, a));
+    let to_centre = sub(centre, a);
+    let foot = along(
+        a,
+        direction,
+        to_centre[0] * direction[0] + to_centre[1] * direction[1],
+    );
     (distance(foot, before.end()) < 10.0 * JOIN_MM).then_some(foot)
 }
 
 /// The profile offset by `allowance` to the left. Convex corners get an arc about the corner, concave ones
 /// are trimmed at the intersection of both sides, and pieces that do not fit between their neighbours are
 /// removed.
-pub(crate) fn aside(pieces: &[Piece], allowance: f64) -> Result<Vec<Piece>, ProfileFault> {
+pub(crate) fn offset(pieces: &[Piece], allowance: f64) -> Result<Vec<Piece>, ProfileFault> {
     if allowance == 0.0 {
         return Ok(pieces.to_vec());
     }
@@ -292,7 +303,7 @@ pub(crate) fn aside(pieces: &[Piece], allowance: f64) -> Result<Vec<Piece>, Prof
     let mut gap = false;
     let mut before: Option<Piece> = None;
     for (index, piece) in pieces.iter().enumerate() {
-        let Some(moved) = piece.aside(allowance) else {
+        let Some(moved) = piece.offset(allowance) else {
             gap = true;
             before = None;
             continue;
@@ -302,8 +313,8 @@ pub(crate) fn aside(pieces: &[Piece], allowance: f64) -> Result<Vec<Piece>, Prof
             _ => cross(pieces[index - 1].direction(true), piece.direction(false)),
         };
         let joined = before.filter(|before| {
-            let near = distance(before.end(), moved.start()) < JOIN_MM;
-            near || turn.abs() < ALL_BUT_TANGENT && touch(before, &moved).is_some()
+            let is_near = distance(before.end(), moved.start()) < JOIN_MM;
+            is_near || turn.abs() < NEARLY_TANGENT_RAD && tangent_point(before, &moved).is_some()
         });
         let around = before
             .filter(|_| joined.is_none() && turn < 0.0)
@@ -315,7 +326,7 @@ pub(crate) fn aside(pieces: &[Piece], allowance: f64) -> Result<Vec<Piece>, Prof
             });
         before = Some(moved);
         if let (Some(joined), false, Some(last)) = (joined, gap, out.last_mut()) {
-            let meeting = touch(&joined, &moved).unwrap_or_else(|| last.end());
+            let meeting = tangent_point(&joined, &moved).unwrap_or_else(|| last.end());
             *last = last.with_end(meeting);
             out.push(moved.with_start(meeting));
             continue;
@@ -338,26 +349,26 @@ fn append(out: &mut Vec<Piece>, piece: Piece, corner: Point, allowance: f64, gap
         *gap = false;
         return;
     };
-    if !*gap && distance(last.end(), piece.start()) < NEAR {
+    if !*gap && distance(last.end(), piece.start()) < EQUAL_MM {
         out.push(piece.with_start(last.end()));
         return;
     }
     // The latest of the previous pieces that it intersects.
-    let crossing = (0..out.len()).rev().take(64).find_map(|place| {
-        let points = out[place].crossings(&piece).into_iter().flatten();
+    let crossing = (0..out.len()).rev().take(64).find_map(|index| {
+        let points = out[index].crossings(&piece).into_iter().flatten();
         points
-            .filter(|point| out[place].holds(*point) && piece.holds(*point))
+            .filter(|point| out[index].contains(*point) && piece.contains(*point))
             .min_by(|a, b| distance(*a, corner).total_cmp(&distance(*b, corner)))
-            .map(|point| (place, point))
+            .map(|point| (index, point))
     });
-    if let Some((place, point)) = crossing {
-        out.truncate(place + 1);
+    if let Some((index, point)) = crossing {
+        out.truncate(index + 1);
         if let Some(last) = out.last_mut() {
             *last = last.with_end(point);
         }
         out.push(piece.with_start(point));
         *gap = false;
-    } else if !*gap && distance(last.end(), piece.start()) < ALL_BUT_TANGENT * allowance {
+    } else if !*gap && distance(last.end(), piece.start()) < NEARLY_TANGENT_RAD * allowance {
         // Pieces that are tangent up to the decimals of the program need not intersect.
         out.push(Piece::Line {
             a: last.end(),
@@ -398,7 +409,7 @@ pub(crate) fn corner(before: Piece, after: Piece, kind: Corner) -> Result<[Piece
     let (Piece::Line { a, b: at }, Piece::Line { b, .. }) = (before, after) else {
         return Err(ProfileFault::Corner);
     };
-    let (back, ahead) = (unit(minus(a, at)), unit(minus(b, at)));
+    let (back, ahead) = (unit(sub(a, at)), unit(sub(b, at)));
     let turn = cross(back, ahead);
     let cosine = (back[0] * ahead[0] + back[1] * ahead[1]).clamp(-1.0, 1.0);
     // Half of the angle between the two legs.
@@ -408,24 +419,28 @@ pub(crate) fn corner(before: Piece, after: Piece, kind: Corner) -> Result<[Piece
         Corner::Chamfer(length) => length,
     };
     let available = distance(a, at).min(distance(at, b));
-    if !(length > 0.0 && length <= available + NEAR) || turn.abs() < 1e-9 {
+    if !(length > 0.0 && length <= available + EQUAL_MM) || turn.abs() < 1e-9 {
         return Err(ProfileFault::Corner);
     }
-    let (begin, end) = (plus(at, back, length), plus(at, ahead, length));
-    let between = match kind {
-        Corner::Chamfer(_) => Piece::Line { a: begin, b: end },
+    let (start, end) = (along(at, back, length), along(at, ahead, length));
+    let corner_piece = match kind {
+        Corner::Chamfer(_) => Piece::Line { a: start, b: end },
         Corner::Fillet(radius) => {
             // The path turns left where the two legs seen from the corner turn right.
             let turn = -turn.signum();
             Piece::Arc {
-                a: begin,
+                a: start,
                 b: end,
-                centre: plus(begin, left(unit(minus(at, a))), turn * radius),
+                centre: along(start, left(unit(sub(at, a))), turn * radius),
                 turn,
             }
         }
     };
-    Ok([Piece::Line { a, b: begin }, between, Piece::Line { a: end, b }])
+    Ok([
+        Piece::Line { a, b: start },
+        corner_piece,
+        Piece::Line { a: end, b },
+    ])
 }
 
 #[cfg(test)]
@@ -448,7 +463,7 @@ mod tests {
             line([5.0, 0.0], [8.0, 3.0]),
             line([8.0, 3.0], [12.0, 3.0]),
         ];
-        let moved = aside(&profile, 1.0).unwrap();
+        let moved = offset(&profile, 1.0).unwrap();
         assert_eq!(moved.len(), 4);
         assert!(near(moved[0].start(), [0.0, 1.0]));
         // The intersection of w = 1 with the slope offset by 1: 5 + 1 - sqrt(2).
@@ -472,7 +487,7 @@ mod tests {
             line([6.0, 0.0], [6.0, 5.0]),
             line([6.0, 5.0], [9.0, 5.0]),
         ];
-        let moved = aside(&groove, 1.0).unwrap();
+        let moved = offset(&groove, 1.0).unwrap();
         let lowest = moved
             .iter()
             .map(|piece| piece.end()[1])
@@ -485,7 +500,7 @@ mod tests {
             centre: [1.0, 0.0],
             turn: 1.0,
         };
-        assert_eq!(aside(&[dip], 1.0), Err(ProfileFault::Allowance));
+        assert_eq!(offset(&[dip], 1.0), Err(ProfileFault::Allowance));
     }
 
     #[test]

@@ -3,14 +3,15 @@
 //! LinuxCNC's cycles, with its sequence of moves. The subroutine is executed without motion; its straight
 //! moves and arcs are the profile. Passes start on the line from the start (X, Z) to the profile, run along Z
 //! (G71) or X (G72) to the profile, retract at 45 degrees and return. Then the profile is followed; G71 and
-//! G72 cut its pockets on the way, G71.1 skips them, G71.2 cuts only them.
+//! G72 also cut its pockets, G71.1 skips them, G71.2 cuts only them.
 
 use evolvent_path::{Arc, Axes, Curve, Plane, Sense};
 
 use crate::codes::modal_groups::{Motion, Rough};
 use crate::diagnostics::diagnostic::Fault;
 use crate::execution::cycles::profile::{
-    Corner, NEAR, Piece, Point, ProfileFault, aside, check_monotonic, corner, distance, split_at_extremes,
+    Corner, EQUAL_MM, Piece, Point, ProfileFault, check_monotonic, corner, distance, offset,
+    split_at_extremes,
 };
 use crate::execution::execute::{Executor, Request};
 use crate::state::machine_state::State;
@@ -28,9 +29,9 @@ pub(crate) struct RoughCall {
     /// X and Z at the start of the cycle.
     start: Point,
     /// D: remaining distance to the profile; of G70 that of the first pass.
-    leave: f64,
+    allowance: f64,
     /// E of G70: distance of the last pass.
-    last: f64,
+    final_allowance: f64,
     /// I: depth of a pass.
     depth: f64,
     /// R: retract distance.
@@ -41,19 +42,19 @@ pub(crate) struct RoughCall {
 
 /// The mapping of Z and X to `u` and `w`.
 #[derive(Clone, Copy, Debug)]
-struct Frame {
+struct ProfileFrame {
     /// Passes along X (G72).
     facing: bool,
     signs: Point,
 }
 
-impl Frame {
-    fn of(&self, zx: Point) -> Point {
+impl ProfileFrame {
+    fn to_uw(&self, zx: Point) -> Point {
         let [u, w] = if self.facing { [zx[1], zx[0]] } else { zx };
         [self.signs[0] * u, self.signs[1] * w]
     }
 
-    fn back(&self, uw: Point) -> Point {
+    fn to_zx(&self, uw: Point) -> Point {
         let [u, w] = [self.signs[0] * uw[0], self.signs[1] * uw[1]];
         if self.facing { [w, u] } else { [u, w] }
     }
@@ -67,13 +68,13 @@ impl Frame {
     fn piece(&self, piece: &Piece) -> Piece {
         match *piece {
             Piece::Line { a, b } => Piece::Line {
-                a: self.of(a),
-                b: self.of(b),
+                a: self.to_uw(a),
+                b: self.to_uw(b),
             },
             Piece::Arc { a, b, centre, turn } => Piece::Arc {
-                a: self.of(a),
-                b: self.of(b),
-                centre: self.of(centre),
+                a: self.to_uw(a),
+                b: self.to_uw(b),
+                centre: self.to_uw(centre),
                 turn: self.turn(turn),
             },
         }
@@ -108,10 +109,10 @@ impl Executor<'_> {
         if self.state.plane() != Some(Plane::Zx) || self.state.rotation[0] != 0.0 {
             return Err(self.wrong_plane(&format!("{name} outside of G18, or in rotated coordinates,")));
         }
-        self.no_axes_but(b"XZ", name)?;
+        self.allow_only_axes(b"XZ", name)?;
         self.check_uncompensated(name)?;
         self.check_feed(name)?;
-        let Some(number) = line.whole(b'Q')? else {
+        let Some(number) = line.integer(b'Q')? else {
             return fault(
                 Code::WordMissing,
                 format!("{name} needs Q, the number of the subroutine with the profile"),
@@ -127,22 +128,22 @@ impl Executor<'_> {
             }
         };
         let start = self.target()?;
-        let program = self.state.program_of(start);
+        let program = self.state.machine_to_program(start);
         let call = RoughCall {
             rough,
             number,
             start: [program[2], program[0]],
-            leave: positive(b'D', 0.0, -1e-12)?,
-            last: positive(b'E', 0.0, -1e-12)?,
-            depth: positive(b'I', unit, NEAR)?,
+            allowance: positive(b'D', 0.0, -1e-12)?,
+            final_allowance: positive(b'E', 0.0, -1e-12)?,
+            depth: positive(b'I', unit, EQUAL_MM)?,
             retract: positive(b'R', 0.5 * unit, 0.0)?,
-            passes: line.whole(b'P')?.unwrap_or(1),
+            passes: line.integer(b'P')?.unwrap_or(1),
         };
         if call.passes == 0 || call.passes as usize > MAX_MOVES {
             let message = format!("P{}: {name} has 1 to {MAX_MOVES} passes", call.passes);
             return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message));
         }
-        self.put_line_in(start, MoveKind::Rapid, PathMode::ExactPath)?;
+        self.emit_line_in_mode(start, MoveKind::Rapid, PathMode::ExactPath)?;
         Ok(Request::Profile(call))
     }
 
@@ -152,7 +153,7 @@ impl Executor<'_> {
         call: &RoughCall,
         profile: Result<&[Piece], ProfileFault>,
     ) -> Result<(), Fault> {
-        let refuse = |fault: ProfileFault| {
+        let rejected = |fault: ProfileFault| {
             let name = Motion::Rough(call.rough).name();
             let (what, help) = match fault {
                 ProfileFault::Empty => (
@@ -173,8 +174,8 @@ impl Executor<'_> {
             Fault::new(Code::ProfileRefused, self.line.motion_span(), message).help(help)
         };
         let (frame, pieces) = profile
-            .and_then(|profile| oriented(call, profile))
-            .map_err(refuse)?;
+            .and_then(|profile| orient_profile(call, profile))
+            .map_err(rejected)?;
         let mut strokes = Vec::new();
         let begin = pieces.first().map_or([0.0; 2], Piece::start);
         if call.rough.finishing {
@@ -187,16 +188,16 @@ impl Executor<'_> {
                 return Err(Fault::new(Code::OutOfRange, self.line.span(b'P'), message));
             }
             for pass in (0..call.passes).rev() {
-                let share = f64::from(pass) / f64::from(call.passes);
-                let left = share * (call.leave - call.last) + call.last;
-                let moved = aside(&pieces, left.max(0.0)).map_err(refuse)?;
-                strokes.push(Stroke::Rapid(begin_of_passes(call, &frame, begin)));
-                strokes.extend(moved.first().map(|first| Stroke::Rapid(first.start())));
-                strokes.extend(moved.into_iter().map(Stroke::Cut));
+                let fraction = f64::from(pass) / f64::from(call.passes);
+                let allowance = fraction * (call.allowance - call.final_allowance) + call.final_allowance;
+                let offset_profile = offset(&pieces, allowance.max(0.0)).map_err(rejected)?;
+                strokes.push(Stroke::Rapid(pass_start(call, &frame, begin)));
+                strokes.extend(offset_profile.first().map(|first| Stroke::Rapid(first.start())));
+                strokes.extend(offset_profile.into_iter().map(Stroke::Cut));
             }
         } else {
-            let moved = aside(&pieces, call.leave).map_err(refuse)?;
-            strokes = rough_strokes(call, &frame, begin, moved).ok_or_else(|| {
+            let offset_profile = offset(&pieces, call.allowance).map_err(rejected)?;
+            strokes = roughing_strokes(call, &frame, begin, offset_profile).ok_or_else(|| {
                 let message = format!("more than {MAX_MOVES} passes");
                 Fault::new(Code::OutOfRange, self.line.span(b'I'), message)
                     .help("check the unit of the depth I of a pass")
@@ -208,35 +209,35 @@ impl Executor<'_> {
         Ok(())
     }
 
-    fn stroke(&mut self, frame: &Frame, stroke: Stroke) -> Result<(), Fault> {
+    fn stroke(&mut self, frame: &ProfileFrame, stroke: Stroke) -> Result<(), Fault> {
         let path_mode = match self.state.modes.path_mode {
             PathMode::Blend { .. } => PathMode::ExactPath,
             other => other,
         };
-        let mut at = self.state.program_of(self.state.position);
+        let mut at = self.state.machine_to_program(self.state.position);
         let mut to = |this: &mut Self, point: Point, kind: MoveKind| {
-            let [z, x] = frame.back(point);
+            let [z, x] = frame.to_zx(point);
             (at[0], at[2]) = (x, z);
-            this.go(at, kind, path_mode)
+            this.move_to(at, kind, path_mode)
         };
         match stroke {
             Stroke::Rapid(point) => to(self, point, MoveKind::Rapid),
             Stroke::Cut(Piece::Line { b, .. }) => to(self, b, MoveKind::Feed),
             Stroke::Cut(Piece::Arc { b, centre, turn, .. }) => {
-                let [z, x] = frame.back(b);
-                let [centre_z, centre_x] = frame.back(centre);
+                let [z, x] = frame.to_zx(b);
+                let [centre_z, centre_x] = frame.to_zx(centre);
                 (at[0], at[2]) = (x, z);
-                let end = self.state.machine_of(at);
+                let end = self.state.program_to_machine(at);
                 let mut middle = at;
                 (middle[0], middle[2]) = (centre_x, centre_z);
-                let middle = self.state.machine_of(middle);
+                let middle = self.state.program_to_machine(middle);
                 let sense = if frame.turn(turn) > 0.0 {
                     Sense::CounterClockwise
                 } else {
                     Sense::Clockwise
                 };
                 let from = self.state.position;
-                if distance([from[0], from[2]], [end[0], end[2]]) < NEAR {
+                if distance([from[0], from[2]], [end[0], end[2]]) < EQUAL_MM {
                     return Ok(());
                 }
                 let arc =
@@ -245,34 +246,34 @@ impl Executor<'_> {
                     })?;
                 let curve = Curve::Arc(arc);
                 let feed = self.speed(curve.length(), false);
-                self.put_curve(curve, MoveKind::Feed, feed, path_mode)
+                self.emit_curve(curve, MoveKind::Feed, feed, path_mode)
             }
         }
     }
 }
 
 /// The profile with passes along increasing `u` below the start.
-fn oriented(call: &RoughCall, profile: &[Piece]) -> Result<(Frame, Vec<Piece>), ProfileFault> {
+fn orient_profile(call: &RoughCall, profile: &[Piece]) -> Result<(ProfileFrame, Vec<Piece>), ProfileFault> {
     let (Some(first), Some(last)) = (profile.first(), profile.last()) else {
         return Err(ProfileFault::Empty);
     };
     if profile.len() > MAX_MOVES {
         return Err(ProfileFault::Empty);
     }
-    let mut frame = Frame {
+    let mut frame = ProfileFrame {
         facing: call.rough.facing,
         signs: [1.0, 1.0],
     };
-    let start = frame.of(call.start);
-    let (begin, end) = (frame.of(first.start()), frame.of(last.end()));
+    let start = frame.to_uw(call.start);
+    let (begin, end) = (frame.to_uw(first.start()), frame.to_uw(last.end()));
     // The direction of the profile; without one, away from the start.
-    let way = if (end[0] - begin[0]).abs() > NEAR {
+    let direction = if (end[0] - begin[0]).abs() > EQUAL_MM {
         end[0] - begin[0]
     } else {
         begin[0] - start[0]
     };
-    frame.signs[0] = if way < 0.0 { -1.0 } else { 1.0 };
-    let above = if (start[1] - begin[1]).abs() > NEAR {
+    frame.signs[0] = if direction < 0.0 { -1.0 } else { 1.0 };
+    let above = if (start[1] - begin[1]).abs() > EQUAL_MM {
         start[1] - begin[1]
     } else {
         end[1] - begin[1]
@@ -285,23 +286,23 @@ fn oriented(call: &RoughCall, profile: &[Piece]) -> Result<(Frame, Vec<Piece>), 
 
 /// Start of the line on which passes start: at the start of the cycle, but not beyond the start of the
 /// profile.
-fn begin_of_passes(call: &RoughCall, frame: &Frame, profile: Point) -> Point {
-    let [u, w] = frame.of(call.start);
+fn pass_start(call: &RoughCall, frame: &ProfileFrame, profile: Point) -> Point {
+    let [u, w] = frame.to_uw(call.start);
     [u.min(profile[0]), w]
 }
 
 /// The moves of G71 to G72.2; `profile` is the start of the profile itself. `None` if there are too many
 /// passes.
-fn rough_strokes(
+fn roughing_strokes(
     call: &RoughCall,
-    frame: &Frame,
+    frame: &ProfileFrame,
     profile: Point,
     mut pieces: Vec<Piece>,
 ) -> Option<Vec<Stroke>> {
     let (first, last) = (pieces.first()?.start(), pieces.last()?.end());
-    let start = begin_of_passes(call, frame, profile);
+    let start = pass_start(call, frame, profile);
     // The profile ends at the surface of the stock.
-    if last[1] < start[1] - NEAR {
+    if last[1] < start[1] - EQUAL_MM {
         pieces.push(Piece::Line {
             a: last,
             b: [last[0], start[1]],
@@ -309,53 +310,53 @@ fn rough_strokes(
     }
     let pieces = split_at_extremes(&pieces);
     let mut strokes = Vec::new();
-    let deep = start[1] - first[1];
-    if deep / call.depth > MAX_MOVES as f64 {
+    let total_depth = start[1] - first[1];
+    if total_depth / call.depth > MAX_MOVES as f64 {
         return None;
     }
     if call.rough.variant != 2 {
         for pass in 0..MAX_MOVES {
             let level = start[1] - pass as f64 * call.depth;
-            if level < first[1] + NEAR {
+            if level < first[1] + EQUAL_MM {
                 break;
             }
-            let share = (start[1] - level) / deep;
-            let begin = [start[0] + share * (first[0] - start[0]), level];
+            let fraction = (start[1] - level) / total_depth;
+            let begin = [start[0] + fraction * (first[0] - start[0]), level];
             strokes.push(Stroke::Rapid(begin));
             let Some((_, end)) = next_rise(&pieces, 0, level) else {
                 continue;
             };
             strokes.push(Stroke::Cut(Piece::Line { a: begin, b: end }));
-            strokes.extend(pull_off(begin, end, call.retract));
+            strokes.extend(retract_strokes(begin, end, call.retract));
             strokes.push(Stroke::Rapid(begin));
         }
     }
-    if deep > NEAR {
+    if total_depth > EQUAL_MM {
         strokes.push(Stroke::Rapid(first));
     } else {
         // Along the surface of the stock.
         strokes.push(Stroke::Cut(Piece::Line { a: start, b: first }));
     }
-    follow(call, start, &pieces, &mut strokes)?;
+    follow_profile(call, start, &pieces, &mut strokes)?;
     Some(strokes)
 }
 
-/// From the end of a pass off the wall, and back over it.
-fn pull_off(begin: Point, end: Point, retract: f64) -> [Stroke; 2] {
+/// Retracts from the wall at the end of a pass, and returns above the pass.
+fn retract_strokes(begin: Point, end: Point, retract: f64) -> [Stroke; 2] {
     // Not beyond the start of a pass that is shorter than the retract.
-    let aside = retract.min(0.5 * (end[0] - begin[0]).max(0.0));
-    let high = end[1] + aside;
+    let clearance = retract.min(0.5 * (end[0] - begin[0]).max(0.0));
+    let height = end[1] + clearance;
     [
-        Stroke::Rapid([end[0] - aside, high]),
-        Stroke::Rapid([begin[0] + aside, high]),
+        Stroke::Rapid([end[0] - clearance, height]),
+        Stroke::Rapid([begin[0] + clearance, height]),
     ]
 }
 
 /// The first point, from a piece on, at which the profile rises to a height.
 fn next_rise(pieces: &[Piece], from: usize, level: f64) -> Option<(usize, Point)> {
     pieces[from..].iter().enumerate().find_map(|(offset, piece)| {
-        let rises = piece.end()[1] > piece.start()[1] && piece.end()[1] >= level - NEAR;
-        let below = piece.start()[1] < level + NEAR;
+        let rises = piece.end()[1] > piece.start()[1] && piece.end()[1] >= level - EQUAL_MM;
+        let below = piece.start()[1] < level + EQUAL_MM;
         let point = (rises && below).then(|| piece.at_height(level)).flatten()?;
         Some((from + offset, point))
     })
@@ -363,24 +364,24 @@ fn next_rise(pieces: &[Piece], from: usize, level: f64) -> Option<(usize, Point)
 
 /// Moves along the profile, with the pockets that the variant includes. `None` if they need too many passes:
 /// they may be deeper than the profile as a whole.
-fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<Stroke>) -> Option<()> {
+fn follow_profile(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<Stroke>) -> Option<()> {
     let mut index = 0;
     let mut steps = 0;
-    let mut rest: Option<Piece> = None;
+    let mut remainder: Option<Piece> = None;
     // The height at which the next pass crosses a pocket.
     let mut level: Option<f64> = None;
-    while let Some(piece) = rest.take().or_else(|| pieces.get(index).copied()) {
+    while let Some(piece) = remainder.take().or_else(|| pieces.get(index).copied()) {
         steps += 1;
         if steps > MAX_MOVES + pieces.len() {
             return None;
         }
         let (a, b) = (piece.start(), piece.end());
-        if b[1] >= a[1] - NEAR {
+        if b[1] >= a[1] - EQUAL_MM {
             level = None;
             push_cut(
                 strokes,
                 piece,
-                index > 0 && pieces[index - 1].end()[1] < pieces[index - 1].start()[1] - NEAR,
+                index > 0 && pieces[index - 1].end()[1] < pieces[index - 1].start()[1] - EQUAL_MM,
             );
             index += 1;
             continue;
@@ -388,14 +389,14 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
         // Down into a pocket.
         if call.rough.variant == 1 {
             match next_rise(pieces, index + 1, a[1]) {
-                Some((place, point)) => {
+                Some((index_of_rise, point)) => {
                     strokes.push(Stroke::Cut(Piece::Line { a, b: point }));
-                    let (_, after) = pieces[place].split(point);
-                    index = place;
+                    let (_, after) = pieces[index_of_rise].split(point);
+                    index = index_of_rise;
                     if after.is_degenerate() {
                         index += 1;
                     } else {
-                        rest = Some(after);
+                        remainder = Some(after);
                     }
                     continue;
                 }
@@ -411,7 +412,7 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
             // The levels continue those of the passes above.
             _ => start[1] - ((start[1] - a[1]) / call.depth - 1e-9).ceil() * call.depth,
         });
-        let Some(point) = (next > b[1] + NEAR)
+        let Some(point) = (next > b[1] + EQUAL_MM)
             .then(|| piece.at_height(next.min(a[1])))
             .flatten()
         else {
@@ -424,10 +425,10 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
             push_cut(strokes, before, false);
         }
         if let Some((_, end)) = next_rise(pieces, index + 1, next)
-            && end[0] - point[0] > NEAR
+            && end[0] - point[0] > EQUAL_MM
         {
             strokes.push(Stroke::Cut(Piece::Line { a: point, b: end }));
-            strokes.extend(pull_off(point, end, call.retract));
+            strokes.extend(retract_strokes(point, end, call.retract));
             strokes.push(Stroke::Cut(Piece::Line {
                 a: [point[0], end[1] + call.retract],
                 b: point,
@@ -437,7 +438,7 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
         if after.is_degenerate() {
             index += 1;
         } else {
-            rest = Some(after);
+            remainder = Some(after);
         }
     }
     Some(())
@@ -448,12 +449,12 @@ fn push_cut(strokes: &mut Vec<Stroke>, piece: Piece, after_falling: bool) {
     if let (true, Piece::Arc { b, centre, turn, .. }) = (after_falling, piece)
         && let Some(Stroke::Cut(Piece::Arc {
             b: end,
-            centre: middle,
-            turn: way,
+            centre: last_centre,
+            turn: last_turn,
             ..
         })) = strokes.last_mut()
-        && *middle == centre
-        && *way == turn
+        && *last_centre == centre
+        && *last_turn == turn
     {
         *end = b;
         return;
@@ -471,7 +472,7 @@ pub(crate) fn profile_of(
     let mut pieces: Vec<Piece> = Vec::new();
     let mut pending: Option<Corner> = None;
     let point = |machine: Axes| {
-        let program = state.program_of(machine);
+        let program = state.machine_to_program(machine);
         [program[2], program[0]]
     };
     for (index, command) in commands.iter().enumerate() {
@@ -496,13 +497,13 @@ pub(crate) fn profile_of(
         };
         let kind = corners
             .iter()
-            .find(|(place, _)| *place == index)
+            .find(|(move_index, _)| *move_index == index)
             .map(|(_, kind)| *kind);
         if piece.is_degenerate() {
             continue;
         }
         match (pending.take(), pieces.pop()) {
-            (Some(wanted), Some(before)) => pieces.extend(corner(before, piece, wanted)?),
+            (Some(corner_kind), Some(before)) => pieces.extend(corner(before, piece, corner_kind)?),
             (_, before) => {
                 pieces.extend(before);
                 pieces.push(piece);

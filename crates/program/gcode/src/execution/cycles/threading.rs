@@ -48,12 +48,12 @@ impl Executor<'_> {
         }
         let mut end = cycle.start;
         end[2] = cycle.end;
-        self.go(end, MoveKind::Rapid, PathMode::ExactPath)
+        self.move_to(end, MoveKind::Rapid, PathMode::ExactPath)
     }
 
     fn read_thread_cycle(&self) -> Result<ThreadCycle, Fault> {
         let line = self.line;
-        self.no_axes_but(b"Z", "G76")?;
+        self.allow_only_axes(b"Z", "G76")?;
         self.check_uncompensated("G76")?;
         let pitch_mm = self.pitch("G76", b'P')?;
         let (Some(crest), Some(first), Some(full)) = (line.word(b'I'), line.word(b'J'), line.word(b'K'))
@@ -61,7 +61,7 @@ impl Executor<'_> {
             let message = "G76 needs I, J and K: the crest, the first depth and the full depth";
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
         };
-        let range = |letter: u8, message: &str| {
+        let out_of_range = |letter: u8, message: &str| {
             Err(Fault::new(
                 Code::OutOfRange,
                 line.span(letter),
@@ -69,46 +69,46 @@ impl Executor<'_> {
             ))
         };
         if crest == 0.0 {
-            return range(
+            return out_of_range(
                 b'I',
                 "G76: I must be below 0 for outer and above 0 for inner threads",
             );
         }
         if first <= 0.0 || full <= 0.0 || first > full {
-            return range(
+            return out_of_range(
                 b'J',
                 "G76: the first depth J must be above 0 and at most the full depth K",
             );
         }
         let degression = line.word(b'R').unwrap_or(1.0);
         if degression < 1.0 {
-            return range(
+            return out_of_range(
                 b'R',
                 "G76: R must be at least 1, which gives passes of equal depth",
             );
         }
         let flank = line.word(b'Q').unwrap_or(0.0);
         if !(0.0..80.0).contains(&flank) {
-            return range(b'Q', "G76: the flank angle Q must be 0 to 80 degrees");
+            return out_of_range(b'Q', "G76: the flank angle Q must be 0 to 80 degrees");
         }
-        let spring = line.whole(b'H')?.unwrap_or(0);
+        let spring = line.integer(b'H')?.unwrap_or(0);
         let taper = line.word(b'E').unwrap_or(0.0) * self.state.unit_mm();
-        let tapers = line.whole(b'L')?.unwrap_or(0);
-        let start = self.state.program_of(self.state.position);
-        let end = self.state.program_of(self.target()?)[2];
+        let tapers = line.integer(b'L')?.unwrap_or(0);
+        let start = self.state.machine_to_program(self.state.position);
+        let end = self.state.machine_to_program(self.target()?)[2];
         if taper < 0.0 || tapers > 3 || tapers != 0 && taper <= 0.0 || 2.0 * taper > (end - start[2]).abs() {
-            return range(
+            return out_of_range(
                 b'E',
                 "G76: the length E of tapers (L1 entry, L2 exit, L3 both) must be at most half of the thread",
             );
         }
-        let starts = line.whole(b'D')?.unwrap_or(1);
+        let starts = line.integer(b'D')?.unwrap_or(1);
         if starts < 1 {
-            return range(b'D', "G76: D, the number of starts, must be at least 1");
+            return out_of_range(b'D', "G76: D, the number of starts, must be at least 1");
         }
         let steps = libm::pow(full / first, degression).ceil();
         if (steps + f64::from(spring)) * f64::from(starts) > f64::from(MAX_REPEATS) {
-            return range(b'J', "G76 with too many passes");
+            return out_of_range(b'J', "G76 with too many passes");
         }
         // X is a diameter in G7, and so are the depths along X.
         let unit = self.state.word_unit(0);
@@ -143,7 +143,7 @@ impl Executor<'_> {
         } = *cycle;
         let depth = (cycle.first_depth * libm::pow(f64::from(pass), 1.0 / cycle.degression)).min(full_depth);
         let bottom = start[0] + outward * (cycle.crest + depth);
-        let edge = bottom - outward * full_depth;
+        let crest = bottom - outward * full_depth;
         let clear = start[0] + outward * (depth - full_depth);
         let along = if cycle.end < start[2] { -1.0 } else { 1.0 };
         let begin = start[2] + along * depth * cycle.slope;
@@ -154,21 +154,26 @@ impl Executor<'_> {
             at
         };
         // The same distance along Z per turn as in the thread itself.
-        let steep_mm = pitch_mm * libm::hypot(taper, full_depth) / taper.max(f64::MIN_POSITIVE);
-        self.go(point(clear, begin), MoveKind::Rapid, PathMode::ExactPath)?;
+        let taper_pitch_mm = pitch_mm * libm::hypot(taper, full_depth) / taper.max(f64::MIN_POSITIVE);
+        self.move_to(point(clear, begin), MoveKind::Rapid, PathMode::ExactPath)?;
         if cycle.has_entry {
-            self.thread_to(point(edge, begin), steep_mm, degrees, start[0])?;
-            self.thread_to(point(bottom, begin + along * taper), steep_mm, degrees, start[0])?;
+            self.thread_to(point(crest, begin), taper_pitch_mm, degrees, start[0])?;
+            self.thread_to(
+                point(bottom, begin + along * taper),
+                taper_pitch_mm,
+                degrees,
+                start[0],
+            )?;
         } else {
-            self.go(point(bottom, begin), MoveKind::Rapid, PathMode::ExactPath)?;
+            self.move_to(point(bottom, begin), MoveKind::Rapid, PathMode::ExactPath)?;
         }
         if cycle.has_exit {
             self.thread_to(point(bottom, end - along * taper), pitch_mm, degrees, start[0])?;
-            self.thread_to(point(edge, end), steep_mm, degrees, start[0])?;
+            self.thread_to(point(crest, end), taper_pitch_mm, degrees, start[0])?;
         } else {
             self.thread_to(point(bottom, end), pitch_mm, degrees, start[0])?;
         }
-        self.go(point(clear, end), MoveKind::Rapid, PathMode::ExactPath)
+        self.move_to(point(clear, end), MoveKind::Rapid, PathMode::ExactPath)
     }
 
     /// `drive_line`: X of the program at which the tool is clear of the thread.
@@ -179,13 +184,13 @@ impl Executor<'_> {
         start_degrees: f64,
         drive_line: f64,
     ) -> Result<(), Fault> {
-        let target = self.state.machine_of(program);
+        let target = self.state.program_to_machine(program);
         for axis in AxisLetter::ALL {
             check_coordinate(target[axis.index()], axis, self.line)?;
         }
         let mut clear = program;
         clear[0] = drive_line;
-        let clear_x = self.state.machine_of(clear)[0];
-        self.put_thread(target, pitch_mm, start_degrees, Some(clear_x))
+        let clear_x = self.state.program_to_machine(clear)[0];
+        self.emit_thread(target, pitch_mm, start_degrees, Some(clear_x))
     }
 }

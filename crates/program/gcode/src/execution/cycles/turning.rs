@@ -9,7 +9,7 @@
 //!   G82 X Z R L D H             start ───────────┐          G75 X Z K H E
 //!                       R,L ╱ ◄───── pass ◄──────┤ D        start ┐ K ┐ K
 //!                          ╱ ◄───── pass ◄───────┤                │   │
-//!                 X,Z ────┘                      ┘                ▼ pass, one behind the other, to X
+//!                 X,Z ────┘                      ┘                ▼ passes, one after the other, to X
 //! ```
 
 use evolvent_path::{Axes, AxisLetter};
@@ -22,7 +22,7 @@ use crate::state::machine_state::ProgrammedSpeed;
 use crate::{Action, Code, MoveKind, PathMode, TurningWords};
 
 /// Retract of the tool from the cut before a rapid, mm.
-const PULL_OFF_MM: f64 = 0.5;
+const RETRACT_MM: f64 = 0.5;
 
 /// Maximum number of passes of a cycle.
 const MAX_PASSES: f64 = 100_000.0;
@@ -40,9 +40,9 @@ pub enum TurningKind {
 /// to the final contour, in the passes that the load permits. Machine coordinates in mm; X is a radius. It
 /// starts and ends at `start`.
 ///
-/// The word Q1 requests it on a machine with a load channel ([`crate::MachineFeatures::load_channel`]). The consumer
-/// has to return the tool to `start`, where the following moves start. Without a load channel, or without Q1,
-/// the cycle is output as plain [`Action::Move`]s in passes of `depth_mm`.
+/// The word Q1 requests it on a machine with a load channel ([`crate::MachineFeatures::load_channel`]). The
+/// consumer has to return the tool to `start`, where the following moves start. Without a load channel, or
+/// without Q1, the cycle is output as plain [`Action::Move`]s in passes of `depth_mm`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurningCycle {
     /// Direction of the passes.
@@ -94,9 +94,9 @@ struct Step {
     feed: CutFeed,
     cross_feed: CutFeed,
     /// Direction away from the axis of the work: +1 for outer turning.
-    out: f64,
+    outward: f64,
     /// Direction along Z from the work back to the start.
-    back: f64,
+    backward: f64,
 }
 
 impl Executor<'_> {
@@ -104,7 +104,7 @@ impl Executor<'_> {
     pub(crate) fn turning(&mut self, turning: Turning) -> Result<(), Fault> {
         let line = self.line;
         let name = Motion::Turning(turning).name();
-        self.no_axes_but(b"XZUW", name)?;
+        self.allow_only_axes(b"XZUW", name)?;
         self.check_uncompensated(name)?;
         self.check_feed_of_cycle(name)?;
         if self.state.rotation[0] != 0.0 {
@@ -113,7 +113,7 @@ impl Executor<'_> {
         self.check_feed(name)?;
         let step = self.step_of_line(turning, name)?;
         let depth = self.depth_of_pass(turning, name)?;
-        let load_adaptive = match line.whole(b'Q')? {
+        let load_adaptive = match line.integer(b'Q')? {
             None | Some(0) => false,
             Some(1) => true,
             Some(other) => {
@@ -136,7 +136,7 @@ impl Executor<'_> {
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message).help(help));
         };
         if load_adaptive {
-            self.out(Action::Message(format!(
+            self.emit(Action::Message(format!(
                 "warning: no cutting load is measured, so {name} runs in plain passes"
             )));
         }
@@ -155,8 +155,8 @@ impl Executor<'_> {
             TurningWords::Radius => unit,
             TurningWords::Mode => self.state.word_unit(0),
         };
-        let here = self.state.program_of(self.state.position);
-        let place = |absolute: u8, increment: u8, factor: f64, from: f64, what: &str| match (
+        let position = self.state.machine_to_program(self.state.position);
+        let coordinate = |absolute: u8, increment: u8, factor: f64, from: f64, what: &str| match (
             line.word(absolute),
             line.word(increment),
         ) {
@@ -175,30 +175,30 @@ impl Executor<'_> {
                 Err(Fault::new(Code::WordMissing, line.motion_span(), message))
             }
         };
-        let x = place(b'X', b'U', across, here[0], "the final diameter")?;
-        let z = place(b'Z', b'W', unit, here[2], "the end of the step")?;
-        let refuse =
+        let x = coordinate(b'X', b'U', across, position[0], "the final diameter")?;
+        let z = coordinate(b'Z', b'W', unit, position[2], "the end of the step")?;
+        let out_of_range =
             |letter: u8, message: String| Err(Fault::new(Code::OutOfRange, line.span(letter), message));
-        let shown = |value: f64| value / unit;
-        if x == here[0] || z == here[2] {
+        let in_units = |value: f64| value / unit;
+        if x == position[0] || z == position[2] {
             let message = format!("{name} with nothing to cut: the tool is at its X or Z");
             return Err(Fault::new(Code::OutOfRange, line.motion_span(), message)
                 .help("the tool must be at the corner of the stock before the cycle"));
         }
-        let (out, back) = ((here[0] - x).signum(), (here[2] - z).signum());
+        let (outward, backward) = ((position[0] - x).signum(), (position[2] - z).signum());
         let cone = match (line.word(b'R'), line.word(b'L'), turning) {
             (Some(r), Some(l), Turning::Longitudinal) => {
                 let cone = [r * across, l * unit];
-                if (cone[0] - x) * out < 0.0 || (z - cone[1]) * back < 0.0 {
+                if (cone[0] - x) * outward < 0.0 || (z - cone[1]) * backward < 0.0 {
                     let message = format!(
                         "{name}: the cone from radius {:.4} at Z{:.4} to radius {:.4} at Z{:.4} does not \
                          continue outwards",
-                        shown(x),
-                        shown(z),
-                        shown(cone[0]),
-                        shown(cone[1])
+                        in_units(x),
+                        in_units(z),
+                        in_units(cone[0]),
+                        in_units(cone[1])
                     );
-                    return refuse(b'R', message);
+                    return out_of_range(b'R', message);
                 }
                 Some(cone)
             }
@@ -210,21 +210,23 @@ impl Executor<'_> {
             }
         };
         let allowance = line.word(b'H').unwrap_or(0.0) * unit;
-        let available = ((here[0] - x) * out).min((here[2] - z) * back);
+        let available = ((position[0] - x) * outward).min((position[2] - z) * backward);
         if !(0.0..available).contains(&allowance) {
             let message = format!(
                 "H{}: the allowance must be at least 0 and below the depth to be cut, {:.4}",
-                shown(allowance),
-                shown(available)
+                in_units(allowance),
+                in_units(available)
             );
-            return refuse(b'H', message);
+            return out_of_range(b'H', message);
         }
         let feed = CutFeed {
             mm_s: self.speed(1.0, false),
             mm_rev: self.state.modes.feed.and_then(|feed| feed.per_revolution(false)),
         };
         let cross_feed = match line.word(b'E') {
-            Some(e) if e <= 0.0 => return refuse(b'E', format!("E{e}: the feed along X must be above 0")),
+            Some(e) if e <= 0.0 => {
+                return out_of_range(b'E', format!("E{e}: the feed along X must be above 0"));
+            }
             Some(e) if feed.mm_rev.is_some() => CutFeed {
                 mm_s: e * unit * self.state.feed_rpm() / 60.0,
                 mm_rev: Some(e * unit),
@@ -236,16 +238,16 @@ impl Executor<'_> {
             None => feed,
         };
         Ok(Step {
-            x0: here[0],
-            z0: here[2],
+            x0: position[0],
+            z0: position[2],
             x,
             z,
             cone,
             allowance,
             feed,
             cross_feed,
-            out,
-            back,
+            outward,
+            backward,
         })
     }
 
@@ -267,18 +269,18 @@ impl Executor<'_> {
     }
 
     fn output_cycle(&mut self, turning: Turning, step: &Step, depth_mm: Option<f64>) -> Result<(), Fault> {
-        let here = self.state.program_of(self.state.position);
-        let machine = |x: f64, z: f64| {
-            let mut at = here;
+        let position = self.state.machine_to_program(self.state.position);
+        let to_machine = |x: f64, z: f64| {
+            let mut at = position;
             (at[0], at[2]) = (x, z);
-            let at = self.state.machine_of(at);
+            let at = self.state.program_to_machine(at);
             for axis in [AxisLetter::X, AxisLetter::Z] {
                 check_coordinate(at[axis.index()], axis, self.line)?;
             }
             Ok([at[0], at[2]])
         };
-        let [x_mm, z_mm] = machine(step.x, step.z)?;
-        let cone_mm = step.cone.map(|[x, z]| machine(x, z)).transpose()?;
+        let [x_mm, z_mm] = to_machine(step.x, step.z)?;
+        let cone_mm = step.cone.map(|[x, z]| to_machine(x, z)).transpose()?;
         let modes = &self.state.modes;
         let spindle = modes.active_spindle;
         let spindle_rpm = match modes.spindles[spindle].speed {
@@ -302,7 +304,7 @@ impl Executor<'_> {
             feed_mm_s: step.feed.mm_s,
             cross_feed_mm_s: step.cross_feed.mm_s,
         };
-        self.out(Action::Turning(cycle));
+        self.emit(Action::Turning(cycle));
         // The allowance is finished as usual, from the start of the cycle.
         match turning {
             Turning::Longitudinal => self.finish_longitudinal(step)?,
@@ -313,17 +315,17 @@ impl Executor<'_> {
 
     /// G82 in plain passes.
     fn longitudinal(&mut self, step: &Step, depth: f64) -> Result<(), Fault> {
-        let total = (step.x0 - step.x) * step.out - step.allowance;
-        let passes = self.passes(total, depth)?;
-        let mut above = step.x0;
-        for pass in 1..=passes {
-            let x = step.x0 - step.out * (depth * f64::from(pass)).min(total);
+        let total = (step.x0 - step.x) * step.outward - step.allowance;
+        let pass_count = self.pass_count(total, depth)?;
+        let mut previous_x = step.x0;
+        for pass in 1..=pass_count {
+            let x = step.x0 - step.outward * (depth * f64::from(pass)).min(total);
             self.rapid(x, step.z0)?;
-            self.cut(x, step.end_of(x, step.allowance), step.feed)?;
+            self.cut(x, step.wall_z(x, step.allowance), step.feed)?;
             // Up the shoulder or the cone, so that no step remains for the next pass.
-            self.along_wall(step, x, above, step.allowance)?;
-            self.home_from(step, above)?;
-            above = x;
+            self.cut_wall(step, x, previous_x, step.allowance)?;
+            self.retract_to_start(step, previous_x)?;
+            previous_x = x;
         }
         self.finish_longitudinal(step)?;
         self.rapid(step.x0, step.z0)
@@ -334,48 +336,51 @@ impl Executor<'_> {
         if step.allowance > 0.0 {
             self.rapid(step.x, step.z0)?;
             self.cut(step.x, step.z, step.feed)?;
-            self.along_wall(step, step.x, step.x0, 0.0)?;
-            self.home_from(step, step.x0)?;
+            self.cut_wall(step, step.x, step.x0, 0.0)?;
+            self.retract_to_start(step, step.x0)?;
         }
         Ok(())
     }
 
     /// From a point of the wall, shoulder or cone, outwards to `x`.
-    fn along_wall(&mut self, step: &Step, from: f64, x: f64, allowance: f64) -> Result<(), Fault> {
+    fn cut_wall(&mut self, step: &Step, from: f64, x: f64, allowance: f64) -> Result<(), Fault> {
         if let Some([r, _]) = step.cone {
-            let top = r + step.out * allowance;
-            let end = if (x - top) * step.out > 0.0 { top } else { x };
-            if (end - from) * step.out > 0.0 {
-                self.cut(end, step.end_of(end, allowance), step.feed)?;
+            let top = r + step.outward * allowance;
+            let end = if (x - top) * step.outward > 0.0 { top } else { x };
+            if (end - from) * step.outward > 0.0 {
+                self.cut(end, step.wall_z(end, allowance), step.feed)?;
             }
         }
-        let z = self.state.program_of(self.state.position)[2];
+        let z = self.state.machine_to_program(self.state.position)[2];
         self.cut(x, z, step.cross_feed)
     }
 
     /// Retracts from the surface at `x`, and returns to the start of the passes.
-    fn home_from(&mut self, step: &Step, x: f64) -> Result<(), Fault> {
-        let z = self.state.program_of(self.state.position)[2];
-        let off = x + step.out * PULL_OFF_MM;
-        self.rapid(off, z + step.back * PULL_OFF_MM.min((step.z0 - z).abs()))?;
-        self.rapid(off, step.z0)
+    fn retract_to_start(&mut self, step: &Step, x: f64) -> Result<(), Fault> {
+        let z = self.state.machine_to_program(self.state.position)[2];
+        let clear = x + step.outward * RETRACT_MM;
+        self.rapid(clear, z + step.backward * RETRACT_MM.min((step.z0 - z).abs()))?;
+        self.rapid(clear, step.z0)
     }
 
     /// G75 in plain passes.
     fn facing(&mut self, step: &Step, depth: f64) -> Result<(), Fault> {
-        let total = (step.z0 - step.z) * step.back - step.allowance;
-        let passes = self.passes(total, depth)?;
-        let bottom = step.x + step.out * step.allowance;
-        let mut before = step.z0;
-        for pass in 1..=passes {
-            let z = step.z0 - step.back * (depth * f64::from(pass)).min(total);
+        let total = (step.z0 - step.z) * step.backward - step.allowance;
+        let pass_count = self.pass_count(total, depth)?;
+        let bottom = step.x + step.outward * step.allowance;
+        let mut previous_z = step.z0;
+        for pass in 1..=pass_count {
+            let z = step.z0 - step.backward * (depth * f64::from(pass)).min(total);
             self.rapid(step.x0, z)?;
             self.cut(bottom, z, step.cross_feed)?;
-            self.cut(bottom, before, step.feed)?;
-            let off = before + step.back * PULL_OFF_MM;
-            self.rapid(bottom + step.out * PULL_OFF_MM.min((step.x0 - bottom).abs()), off)?;
-            self.rapid(step.x0, off)?;
-            before = z;
+            self.cut(bottom, previous_z, step.feed)?;
+            let clear = previous_z + step.backward * RETRACT_MM;
+            self.rapid(
+                bottom + step.outward * RETRACT_MM.min((step.x0 - bottom).abs()),
+                clear,
+            )?;
+            self.rapid(step.x0, clear)?;
+            previous_z = z;
         }
         self.finish_facing(step)?;
         self.rapid(step.x0, step.z0)
@@ -385,37 +390,37 @@ impl Executor<'_> {
     fn finish_facing(&mut self, step: &Step) -> Result<(), Fault> {
         if step.allowance > 0.0 {
             // The cylinder of the step, then its face, outwards.
-            let off = step.z0 + step.back * PULL_OFF_MM;
-            self.rapid(step.x0, off)?;
-            self.rapid(step.x, off)?;
+            let clear = step.z0 + step.backward * RETRACT_MM;
+            self.rapid(step.x0, clear)?;
+            self.rapid(step.x, clear)?;
             self.cut(step.x, step.z, step.feed)?;
             self.cut(step.x0, step.z, step.cross_feed)?;
         }
         Ok(())
     }
 
-    fn passes(&self, total: f64, depth: f64) -> Result<u32, Fault> {
+    fn pass_count(&self, total: f64, depth: f64) -> Result<u32, Fault> {
         // Rounding must not add a pass.
-        let passes = (total / depth - 1e-9).ceil().max(1.0);
-        if passes > MAX_PASSES {
-            let message = format!("{passes:.0} passes; at most {MAX_PASSES:.0} are possible");
+        let pass_count = (total / depth - 1e-9).ceil().max(1.0);
+        if pass_count > MAX_PASSES {
+            let message = format!("{pass_count:.0} passes; at most {MAX_PASSES:.0} are possible");
             return Err(Fault::new(Code::OutOfRange, self.line.motion_span(), message)
                 .help("check the unit of the depth of a pass (D of G82, K of G75)"));
         }
-        Ok(passes as u32)
+        Ok(pass_count as u32)
     }
 
     fn rapid(&mut self, x: f64, z: f64) -> Result<(), Fault> {
-        let at = self.place(x, z);
-        self.go(at, MoveKind::Rapid, PathMode::ExactPath)
+        let at = self.point(x, z);
+        self.move_to(at, MoveKind::Rapid, PathMode::ExactPath)
     }
 
     fn cut(&mut self, x: f64, z: f64, feed: CutFeed) -> Result<(), Fault> {
-        let at = self.place(x, z);
-        let before = self.out.len();
-        self.go(at, MoveKind::Feed, PathMode::ExactPath)?;
-        if self.out.len() > before
-            && let Some(last) = self.out.back_mut()
+        let at = self.point(x, z);
+        let before = self.commands.len();
+        self.move_to(at, MoveKind::Feed, PathMode::ExactPath)?;
+        if self.commands.len() > before
+            && let Some(last) = self.commands.back_mut()
             && let Action::Move(step) = &mut last.action
         {
             step.feed_mm_s = feed.mm_s;
@@ -425,8 +430,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    fn place(&self, x: f64, z: f64) -> Axes {
-        let mut at = self.state.program_of(self.state.position);
+    fn point(&self, x: f64, z: f64) -> Axes {
+        let mut at = self.state.machine_to_program(self.state.position);
         (at[0], at[2]) = (x, z);
         at
     }
@@ -435,12 +440,12 @@ impl Executor<'_> {
 impl Step {
     /// Position along Z at which a pass at `x` meets the wall, `allowance` before the final wall along X and
     /// Z.
-    fn end_of(&self, x: f64, allowance: f64) -> f64 {
-        let (x, z) = (x - self.out * allowance, self.z + self.back * allowance);
+    fn wall_z(&self, x: f64, allowance: f64) -> f64 {
+        let (x, z) = (x - self.outward * allowance, self.z + self.backward * allowance);
         match self.cone {
             Some([r, l]) if r != self.x => {
-                let share = ((x - self.x) / (r - self.x)).clamp(0.0, 1.0);
-                z + share * (l - self.z)
+                let fraction = ((x - self.x) / (r - self.x)).clamp(0.0, 1.0);
+                z + fraction * (l - self.z)
             }
             _ => z,
         }

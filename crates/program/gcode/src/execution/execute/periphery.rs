@@ -23,18 +23,18 @@ impl Executor<'_> {
         if let Some(speed) = line.word(b'S') {
             // Feet per minute in G20.
             let unit_m = if self.state.modes.inches { 0.3048 } else { 1.0 };
-            for number in self.named_spindles() {
+            for number in self.selected_spindles() {
                 match &mut self.state.modes.spindles[number].speed {
                     ProgrammedSpeed::Rpm(rpm) => *rpm = speed,
                     ProgrammedSpeed::Surface { speed_m_min, .. } => *speed_m_min = unit_m * speed,
                 }
             }
         }
-        if let Some(tool) = line.whole(b'T')? {
-            self.refuse_unknown_tool(tool, line.span(b'T'))?;
+        if let Some(tool) = line.integer(b'T')? {
+            self.reject_unknown_tool(tool, line.span(b'T'))?;
             self.state.selected_tool = Some(tool);
             self.state.pockets.select(tool, self.tools.as_ref());
-            self.out(Action::SelectTool(tool));
+            self.emit(Action::SelectTool(tool));
         }
         self.outputs()?;
         let changer = self.tool_change()?;
@@ -52,11 +52,11 @@ impl Executor<'_> {
             || line.has(b'S')
             || line.g(Group::SpindleMode).is_some() && (was_surface || is_surface)
         {
-            for number in self.named_spindles() {
+            for number in self.selected_spindles() {
                 if let Some(direction) = direction {
                     self.state.modes.spindles[number].direction = direction;
                 }
-                self.spindle(number);
+                self.emit_spindle(number);
             }
         }
         let request = line.m(Group::Modes).map(Request::Modes).or(changer);
@@ -67,12 +67,12 @@ impl Executor<'_> {
                 MCode::Flood => modes.flood = true,
                 _ => (modes.mist, modes.flood) = (false, false),
             }
-            self.coolant();
+            self.emit_coolant();
         }
         self.overrides()?;
         if let Some(MCode::User(number)) = line.m(Group::User) {
             let (p, q) = (line.word(b'P'), line.word(b'Q'));
-            self.out(Action::UserCommand { number, p, q });
+            self.emit(Action::UserCommand { number, p, q });
         }
         Ok(request)
     }
@@ -117,42 +117,42 @@ impl Executor<'_> {
     }
 
     /// The spindles of the line: that of `$`, 0 without it; with `$-1` all spindles of the machine.
-    fn named_spindles(&self) -> impl Iterator<Item = usize> + use<> {
-        let (all, one) = (self.line.names_all_spindles(), self.line.spindle());
+    fn selected_spindles(&self) -> impl Iterator<Item = usize> + use<> {
+        let (all, one) = (self.line.selects_all_spindles(), self.line.spindle());
         let exists = self.settings.features.spindles;
         (0..SPINDLES).filter(move |&number| if all { exists[number] } else { number == one })
     }
 
-    pub(crate) fn spindle(&mut self, number: usize) {
+    pub(crate) fn emit_spindle(&mut self, number: usize) {
         self.state.modes.spindles[number].output_centre_mm = self.state.centre_mm();
         self.state.modes.spindles[number].orientation = None;
-        self.out(self.state.spindle_action(number));
+        self.emit(self.state.spindle_action(number));
     }
 
-    /// Turns a stopped spindle to an angle.
+    /// Orients a stopped spindle.
     pub(crate) fn orient_spindle(&mut self, number: usize, angle: SpindleAngle) {
         let spindle = &mut self.state.modes.spindles[number];
         spindle.direction = SpindleDirection::Stopped;
         spindle.orientation = Some(angle);
-        self.out(angle.action(number));
+        self.emit(angle.action(number));
     }
 
     /// Updates the centre of the radius of G96, which offsets may have moved.
-    pub(super) fn follow_centre(&mut self) {
+    pub(super) fn update_surface_centre(&mut self) {
         for number in 0..SPINDLES {
             let spindle = &self.state.modes.spindles[number];
             if spindle.speed.is_surface()
-                && spindle.turns()
+                && spindle.is_rotating()
                 && spindle.output_centre_mm != self.state.centre_mm()
             {
-                self.spindle(number);
+                self.emit_spindle(number);
             }
         }
     }
 
-    pub(crate) fn coolant(&mut self) {
+    pub(crate) fn emit_coolant(&mut self) {
         let modes = self.state.modes;
-        self.out(Action::Coolant {
+        self.emit(Action::Coolant {
             mist: modes.mist,
             flood: modes.flood,
         });
@@ -170,12 +170,12 @@ impl Executor<'_> {
             && (0.0..=360.0).contains(&speed)
         {
             // Valid, but postprocessors for other controls write the angle in this form.
-            self.out(Action::Warning(format!(
+            self.emit(Action::Warning(format!(
                 "M19 S{speed} turns the spindle to 0 degrees and sets its speed: write M19 R{speed} for an \
                  angle"
             )));
         }
-        let direction = match line.whole(b'P')? {
+        let direction = match line.integer(b'P')? {
             None | Some(0) => None,
             Some(1) => Some(SpindleDirection::Clockwise),
             Some(2) => Some(SpindleDirection::CounterClockwise),
@@ -211,20 +211,20 @@ impl Executor<'_> {
         let missing = |text: &str| Err(Fault::new(Code::WordMissing, span, text.to_owned()));
         match code {
             MCode::Output { synchronised, on } => {
-                let Some(index) = line.whole(b'P')? else {
+                let Some(index) = line.integer(b'P')? else {
                     return missing("M62 to M65 need P, the number of the output");
                 };
-                self.out(Action::Output {
+                self.emit(Action::Output {
                     index,
                     on,
                     synchronised,
                 });
             }
             MCode::AnalogOutput(synchronised) => {
-                let (Some(index), Some(value)) = (line.whole(b'E')?, line.word(b'Q')) else {
+                let (Some(index), Some(value)) = (line.integer(b'E')?, line.word(b'Q')) else {
                     return missing("M67 and M68 need E, the number of the output, and Q, its value");
                 };
-                self.out(Action::AnalogOutput {
+                self.emit(Action::AnalogOutput {
                     index,
                     value,
                     synchronised,
@@ -240,12 +240,12 @@ impl Executor<'_> {
                     )
                     .help("write G40 and a move before it"));
                 }
-                let (digital, analog) = (line.whole(b'P')?, line.whole(b'E')?);
+                let (digital, analog) = (line.integer(b'P')?, line.integer(b'E')?);
                 let index = match (digital, analog) {
                     (Some(index), None) | (None, Some(index)) => index,
                     _ => return missing("M66 needs either P, a digital input, or E, an analog one"),
                 };
-                let mode = line.whole(b'L')?.unwrap_or(0);
+                let mode = line.integer(b'L')?.unwrap_or(0);
                 if mode > 4 || analog.is_some() && mode != 0 {
                     let message =
                         format!("L{mode}: M66 supports L0 immediate, L1 rise, L2 fall, L3 high, L4 low");
@@ -263,7 +263,7 @@ impl Executor<'_> {
                     _ => -1.0,
                 };
                 self.parameters.set_numbered(INPUT_RESULT, imagined);
-                self.out(Action::WaitInput {
+                self.emit(Action::WaitInput {
                     index,
                     analog: analog.is_some(),
                     mode,

@@ -8,7 +8,7 @@ use crate::{Action, Code, SPINDLES, SpindleDirection, Tool};
 
 /// The arguments of a tool-change subroutine.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ToolCall {
+pub(crate) struct ToolChangeCall {
     /// The new tool; 0 empties the spindle.
     pub(crate) tool: u32,
     /// The tool in the spindle.
@@ -25,19 +25,19 @@ impl Executor<'_> {
         match line.m(Group::ToolChange) {
             None => Ok(None),
             Some(MCode::ToolNumber) => {
-                let Some(tool) = line.whole(b'Q')? else {
+                let Some(tool) = line.integer(b'Q')? else {
                     return Err(Fault::new(
                         Code::WordMissing,
                         span,
                         "M61 needs Q, the number of the tool",
                     ));
                 };
-                self.refuse_unknown_tool(tool, line.span(b'Q'))?;
+                self.reject_unknown_tool(tool, line.span(b'Q'))?;
                 if self.state.tool != tool {
-                    self.move_pockets(tool);
+                    self.swap_pockets(tool);
                 }
                 self.load_tool(tool);
-                self.out(Action::ToolNumber(tool));
+                self.emit(Action::ToolNumber(tool));
                 Ok(None)
             }
             Some(_) => {
@@ -57,23 +57,23 @@ impl Executor<'_> {
                 }
                 for number in 0..SPINDLES {
                     let spindle = &mut self.state.modes.spindles[number];
-                    if spindle.turns() {
+                    if spindle.is_rotating() {
                         spindle.direction = SpindleDirection::Stopped;
-                        self.spindle(number);
+                        self.emit_spindle(number);
                     }
                 }
                 // Right after G40 the present position applies, independent of the programmed position at the
                 // end of compensation.
-                if !self.state.cutter.is_due {
+                if !self.state.cutter.return_pending {
                     self.state.cutter.programmed = None;
                 }
                 if self.settings.features.tool_change.is_some() && tool != self.state.tool {
-                    let call = self.tool_call(tool, span)?;
-                    self.out(Action::BeginToolChange(tool));
+                    let call = self.tool_change_call(tool, span)?;
+                    self.emit(Action::BeginToolChange(tool));
                     return Ok(Some(Request::ToolChange(call, span)));
                 }
                 self.load_tool(tool);
-                self.out(Action::ChangeTool(tool));
+                self.emit(Action::ChangeTool(tool));
                 Ok(None)
             }
         }
@@ -81,7 +81,7 @@ impl Executor<'_> {
 
     /// Rejects a tool that a non-empty tool table does not contain. A served machine starts with an empty
     /// table, and 0 is no tool.
-    pub(super) fn refuse_unknown_tool(&self, tool: u32, span: Span) -> Result<(), Fault> {
+    pub(super) fn reject_unknown_tool(&self, tool: u32, span: Span) -> Result<(), Fault> {
         let tools = self.tools.as_ref().filter(|tools| !tools.tools().is_empty());
         if tool == 0 || tools.is_none_or(|tools| tools.get(tool).is_some()) {
             return Ok(());
@@ -92,7 +92,7 @@ impl Executor<'_> {
     }
 
     /// The pocket of the new tool, and the pocket for the present one.
-    fn tool_call(&mut self, tool: u32, span: Span) -> Result<ToolCall, Fault> {
+    fn tool_change_call(&mut self, tool: u32, span: Span) -> Result<ToolChangeCall, Fault> {
         let present = self.state.tool;
         let is_random = self
             .settings
@@ -105,7 +105,7 @@ impl Executor<'_> {
             let message = format!("tool {number} is not in the tool table, so its pocket is not known");
             Fault::new(Code::UnknownTool, span, message)
         };
-        let wrong =
+        let inconsistent =
             |message: String, help: &str| Fault::new(Code::ToolChange, span, message).help(help.to_owned());
         if !is_random {
             let pocket = |number: u32, help: &str| match (number, row(number)) {
@@ -113,7 +113,7 @@ impl Executor<'_> {
                 (_, Some(tool)) => Ok(tool.pocket),
                 (_, None) => Err(missing(number).help(help.to_owned())),
             };
-            let call = ToolCall {
+            let call = ToolChangeCall {
                 tool,
                 present,
                 from_pocket: pocket(tool, "write its line, such as T3 P3, into the tool table")?,
@@ -127,7 +127,7 @@ impl Executor<'_> {
             self.warn_of_shared_pocket(present, call.to_pocket);
             return Ok(call);
         }
-        let Some(known) = row(tool) else {
+        let Some(new_tool) = row(tool) else {
             let help = if tool == 0 {
                 "a random tool changer stores the present tool in the pocket of T0: write a line such as T0 \
                  P5 for an empty pocket"
@@ -136,13 +136,13 @@ impl Executor<'_> {
             };
             return Err(missing(tool).help(help));
         };
-        let pocket = known.pocket;
+        let pocket = new_tool.pocket;
         if pocket == 0 {
             let message = format!(
                 "tool {tool} has pocket 0 in the tool table, which is the spindle, but tool {present} is in \
                  it"
             );
-            return Err(wrong(
+            return Err(inconsistent(
                 message,
                 "give it its pocket in the tool table, or name the tool in the spindle by M61 Q",
             ));
@@ -156,12 +156,12 @@ impl Executor<'_> {
                 "pocket {pocket} has tool {tool} and tool {} in the tool table",
                 other.number
             );
-            return Err(wrong(
+            return Err(inconsistent(
                 message,
                 "check the pocket, then correct P of the other one in the tool table",
             ));
         }
-        Ok(ToolCall {
+        Ok(ToolChangeCall {
             tool,
             present,
             from_pocket: pocket,
@@ -177,7 +177,7 @@ impl Executor<'_> {
             .map(|other| other.number)
             .find(|other| *other != tool);
         if let Some(other) = other {
-            self.out(Action::Warning(format!(
+            self.emit(Action::Warning(format!(
                 "pocket {pocket} has tool {tool} and tool {other} in the tool table: check the pocket, then \
                  correct P of the other one in the tool table"
             )));
@@ -185,7 +185,7 @@ impl Executor<'_> {
     }
 
     /// A random tool changer has stored the present tool in the pocket of the new one.
-    pub(crate) fn move_pockets(&mut self, tool: u32) {
+    pub(crate) fn swap_pockets(&mut self, tool: u32) {
         let present = self.state.tool;
         if self
             .settings

@@ -15,7 +15,7 @@ use crate::syntax::statement::Statement;
 
 /// State that is unknown after the lines so far.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Doubt {
+pub(crate) struct UncertainState {
     /// Axes still at a start position that is undefined.
     start: [bool; AXES],
     /// Axes with an offset that was set from such a position.
@@ -28,14 +28,14 @@ pub(crate) struct Doubt {
     /// The contour to which cutter compensation applies.
     contour: bool,
     /// Parameters: the line may have set some.
-    values: bool,
+    parameters: bool,
     /// The reference of coordinates: units, distance mode, offsets, tool length.
     frame: bool,
 }
 
-impl Doubt {
+impl UncertainState {
     /// The state before the first line: the positions of these axes are undefined.
-    pub(crate) const fn of_start(unknown: [bool; AXES]) -> Self {
+    pub(crate) const fn at_start(unknown: [bool; AXES]) -> Self {
         Self {
             start: unknown,
             offset: [false; AXES],
@@ -43,36 +43,36 @@ impl Doubt {
             mode: false,
             feed: false,
             contour: false,
-            values: false,
+            parameters: false,
             frame: false,
         }
     }
 
-    pub(crate) fn is_any(&self) -> bool {
-        let has_place =
+    pub(crate) fn is_uncertain(&self) -> bool {
+        let has_position =
             self.position != [false; 3] || self.start != [false; AXES] || self.offset != [false; AXES];
-        self.mode || self.feed || self.contour || self.values || self.frame || has_place
+        self.mode || self.feed || self.contour || self.parameters || self.frame || has_position
     }
 
     /// Adds what a rejected line would have changed: by its words if they could be read, otherwise by the
     /// letters of its text outside comments.
     #[cold]
-    pub(crate) fn refuse(&mut self, code: Code, text: &[u8], block: &Block, state: &State) {
+    pub(crate) fn record_rejected(&mut self, code: Code, text: &[u8], block: &Block, state: &State) {
         if code == Code::ActiveComment {
             // Comments have no words: an (ABORT) that the check does not execute changes nothing.
             return;
         }
-        let is_read = is_of_words(code);
-        let plain = if is_read {
+        let is_parsed = has_parsed_words(code);
+        let code_text = if is_parsed {
             Vec::new()
         } else {
             outside_comments(text)
         };
         let has = |letter: u8| {
-            if is_read {
+            if is_parsed {
                 block.words.iter().any(|word| word.letter == letter)
             } else {
-                plain.contains(&letter)
+                code_text.contains(&letter)
             }
         };
         for (position, letter) in self.position.iter_mut().zip(*b"XYZ") {
@@ -82,7 +82,7 @@ impl Doubt {
         let may_set = |changes: fn(&GCode, &State) -> bool| {
             let sets = |word: &Word| code_of(word).is_none_or(|code| changes(&code, state));
             let mut codes = block.words.iter().filter(|word| word.letter == b'G');
-            if is_read { codes.any(sets) } else { has(b'G') }
+            if is_parsed { codes.any(sets) } else { has(b'G') }
         };
         // The plane decides which words an arc needs.
         self.mode |= may_set(|code, state| {
@@ -91,34 +91,34 @@ impl Doubt {
         });
         self.feed |= has(b'F') || has(b'S');
         self.contour |= state.cutter.is_on() || may_set(|code, _| code.group() == Group::CutterCompensation);
-        self.frame |= if is_read {
-            block.words.iter().any(sets_frame)
+        self.frame |= if is_parsed {
+            block.words.iter().any(changes_frame)
         } else {
-            has(b'T') || names_frame(&plain)
+            has(b'T') || may_change_frame(&code_text)
         };
-        self.values |= !block.assignments.is_empty() || has(b'=');
+        self.parameters |= !block.assignments.is_empty() || has(b'=');
     }
 
     /// Removes what an executed line defines again.
-    pub(crate) fn accept(&mut self, line: &Statement, state: &State) {
+    pub(crate) fn record_executed(&mut self, line: &Statement, state: &State) {
         let is_rotated = state.rotation[0] != 0.0;
         if matches!(line.motion(), Some(Motion::Rapid | Motion::Linear)) && !state.modes.incremental {
             for (position, letter) in self.position.iter_mut().zip(*b"XYZ") {
                 *position &= !line.has(letter);
             }
             // In rotated coordinates X alone moves both axes of the machine, from an undefined Y.
-            let both = line.has(b'X') && line.has(b'Y');
+            let has_both = line.has(b'X') && line.has(b'Y');
             for (index, (start, axis)) in self.start.iter_mut().zip(AxisLetter::ALL).enumerate() {
-                let is_sent = if is_rotated && index < 2 {
-                    both
+                let is_commanded = if is_rotated && index < 2 {
+                    has_both
                 } else {
                     line.has(axis.letter() as u8)
                 };
-                *start &= !is_sent;
+                *start &= !is_commanded;
             }
         }
         // An offset that is set from an undefined position is undefined too.
-        let sets_offset = match line.once() {
+        let sets_offset = match line.non_modal() {
             Some(NonModal::SetOffset) => true,
             Some(NonModal::SetData) => matches!(line.word(b'L'), Some(10.0 | 11.0 | 20.0)),
             _ => false,
@@ -137,8 +137,8 @@ impl Doubt {
     }
 
     /// The axes along which a move may leave the travel only because of rejected lines or of the start.
-    pub(crate) fn of_travel(&self, text: &[u8], is_rotated: bool) -> [bool; AXES] {
-        let all = self.frame || self.values && text.contains(&b'#');
+    pub(crate) fn uncertain_axes(&self, text: &[u8], is_rotated: bool) -> [bool; AXES] {
+        let all = self.frame || self.parameters && text.contains(&b'#');
         let level = is_rotated && (self.offset[0] || self.offset[1]);
         std::array::from_fn(|axis| {
             let is_unknown = self.start[axis] || self.offset[axis] || level && axis < 2;
@@ -147,7 +147,7 @@ impl Doubt {
     }
 
     /// Whether the error of a line may be caused by unknown state alone.
-    pub(crate) fn excuses(&self, code: Code, block: &Block, state: &State) -> bool {
+    pub(crate) fn explains(&self, code: Code, block: &Block, state: &State) -> bool {
         let plane = state.plane().map_or([0, 1], |plane| {
             let (first, second, _) = plane.axes();
             [first, second]
@@ -175,7 +175,7 @@ impl Doubt {
             | Code::InvoluteEndMissing
             | Code::InvoluteCentreMissing
             | Code::InvoluteRadiusMissing => mode,
-            Code::UndefinedParameter | Code::Arithmetic => self.values,
+            Code::UndefinedParameter | Code::Arithmetic => self.parameters,
             Code::FeedMissing | Code::FeedZero | Code::SpindleSpeedMissing => self.feed,
             _ => false,
         }
@@ -183,7 +183,7 @@ impl Doubt {
 }
 
 /// Whether a word changes the reference of coordinates.
-fn sets_frame(word: &Word) -> bool {
+fn changes_frame(word: &Word) -> bool {
     match word.letter {
         b'T' => true,
         b'M' => word.value == 6.0 || word.value == 61.0,
@@ -204,14 +204,14 @@ fn is_frame_code(value: f64) -> bool {
 /// start no word.
 fn outside_comments(text: &[u8]) -> Vec<u8> {
     let mut plain = Vec::new();
-    let mut end = None;
+    let mut closing_byte = None;
     for byte in text {
-        match (end, byte) {
-            (Some(wanted), byte) if *byte == wanted => end = None,
+        match (closing_byte, byte) {
+            (Some(closing), byte) if *byte == closing => closing_byte = None,
             (Some(_), _) => {}
             (None, b';') => break,
-            (None, b'(') => end = Some(b')'),
-            (None, b'<') => end = Some(b'>'),
+            (None, b'(') => closing_byte = Some(b')'),
+            (None, b'<') => closing_byte = Some(b'>'),
             (None, byte) if byte.is_ascii_whitespace() => {}
             (None, byte) => plain.push(byte.to_ascii_uppercase()),
         }
@@ -221,7 +221,7 @@ fn outside_comments(text: &[u8]) -> Vec<u8> {
 
 /// Whether a line whose words could not be read may change the reference of coordinates: by the number of a G
 /// code, or by a computed number.
-fn names_frame(plain: &[u8]) -> bool {
+fn may_change_frame(plain: &[u8]) -> bool {
     plain.split(|byte| *byte == b'G').skip(1).any(|after| {
         let digits = after
             .iter()
@@ -241,6 +241,6 @@ fn code_of(word: &Word) -> Option<GCode> {
 }
 
 /// Whether the words of the rejected line could be read. Otherwise some may be missing.
-fn is_of_words(code: Code) -> bool {
+fn has_parsed_words(code: Code) -> bool {
     code.as_str() >= Code::UnknownG.as_str()
 }

@@ -62,10 +62,10 @@ pub(crate) fn on_lathe(
     state: &mut State,
     tools: Option<&ToolTable>,
 ) -> Result<Option<String>, Fault> {
-    if let Some(tool) = tool_and_offset(line, tools, state.modes.diameter) {
-        return Ok(Some(tool));
+    if let Some(warning) = tool_and_offset(line, tools, state.modes.diameter) {
+        return Ok(Some(warning));
     }
-    if line.once() == Some(NonModal::SetOffset) && line.has(b'F') {
+    if line.non_modal() == Some(NonModal::SetOffset) && line.has(b'F') {
         let message = "G92 with F is the threading cycle of other lathes; here G92 sets an offset, and no \
                        thread is cut";
         return Err(Fault::new(Code::UnusedWord, line.span(b'F'), message).help(
@@ -74,22 +74,22 @@ pub(crate) fn on_lathe(
         ));
     }
     if let Some((name, span)) = turning_cycle(line) {
-        let rapid = line.motion() == Some(Motion::Rapid);
-        let cut = "write each pass as G0 X.., G1 Z.. F.., G0 X.. and G0 Z..";
-        if rapid && line.has(b'F') {
+        let is_rapid = line.motion() == Some(Motion::Rapid);
+        let help = "write each pass as G0 X.., G1 Z.. F.., G0 X.. and G0 Z..";
+        if is_rapid && line.has(b'F') {
             let message = format!(
                 "{name} with X, Z and F is a turning cycle on other lathes; here the line moves at rapid to \
                  X Z, because G0 is active"
             );
             return Err(Fault::new(Code::UnusedWord, span, message).help(format!(
-                "{cut}; for one straight move, write G0 or G1 on this line"
+                "{help}; for one straight move, write G0 or G1 on this line"
             )));
         }
-        if rapid || line.has(b'F') {
-            let how = if rapid { "at rapid" } else { "straight" };
+        if is_rapid || line.has(b'F') {
+            let manner = if is_rapid { "at rapid" } else { "straight" };
             return Ok(Some(format!(
-                "{name} with X and Z is a turning cycle on other lathes; here the line moves {how} to X Z; \
-                 {cut}, or the motion code on this line if that is meant"
+                "{name} with X and Z is a turning cycle on other lathes; here the line moves {manner} to X \
+                 Z; {help}, or the motion code on this line if that is meant"
             )));
         }
     }
@@ -98,8 +98,8 @@ pub(crate) fn on_lathe(
 
 /// G90 or G94 with X and Z and no motion code.
 fn turning_cycle(line: &Statement) -> Option<(&'static str, Span)> {
-    let moves = matches!(line.motion(), Some(Motion::Rapid | Motion::Linear)) && line.once().is_none();
-    if !moves || line.motion_code().is_some() || !line.has(b'X') || !line.has(b'Z') {
+    let is_move = matches!(line.motion(), Some(Motion::Rapid | Motion::Linear)) && line.non_modal().is_none();
+    if !is_move || line.motion_code().is_some() || !line.has(b'X') || !line.has(b'Z') {
         return None;
     }
     if line.g(Group::Distance) == Some(GCode::Incremental(false)) {
@@ -112,8 +112,8 @@ fn turning_cycle(line: &Statement) -> Option<(&'static str, Span)> {
 /// G98 and G99 as the feed modes of other lathes.
 fn retract(line: &Statement, state: &mut State) -> Option<String> {
     let is_cycle = matches!(line.motion_code(), Some(Motion::Cycle(_)));
-    if let Some(GCode::RetractToOld(old)) = line.g(Group::Retract) {
-        state.is_g99_alone = !old && !is_cycle;
+    if let Some(GCode::RetractToInitial(to_initial)) = line.g(Group::Retract) {
+        state.is_g99_alone = !to_initial && !is_cycle;
     }
     // A cycle uses it as this dialect does.
     state.is_g99_alone &= !is_cycle;
@@ -121,7 +121,7 @@ fn retract(line: &Statement, state: &mut State) -> Option<String> {
         Some(GCode::FeedMode(mode)) => mode,
         _ => state.modes.feed_mode,
     };
-    if line.g(Group::Retract) == Some(GCode::RetractToOld(true))
+    if line.g(Group::Retract) == Some(GCode::RetractToInitial(true))
         && !is_cycle
         && mode == FeedMode::PerRevolution
     {
@@ -155,19 +155,19 @@ fn tool_and_offset(line: &Statement, tools: Option<&ToolTable>, is_diameter: boo
     Some(format!(
         "T{number:04} is tool {tool} with offset {offset} on other lathes; here it only selects tool \
          {number} for the next M6, and no offset changes; write {}",
-        four_digits(number, is_diameter)
+        tool_word_equivalent(number, is_diameter)
     ))
 }
 
 /// Meaning of the T word of four digits here, and of X, which is a diameter on lathes with such words.
-pub(crate) fn four_digits(number: u32, is_diameter: bool) -> String {
-    let here = match (number / 100, number % 100) {
+pub(crate) fn tool_word_equivalent(number: u32, is_diameter: bool) -> String {
+    let words = match (number / 100, number % 100) {
         (tool, 0) => format!("T{tool} M6 G49"),
         (tool, offset) => format!("T{tool} M6 G43 H{offset}"),
     };
     if is_diameter {
-        here
+        words
     } else {
-        format!("{here}; X is a radius (G8) now: if the program has diameters, write G7 on its first line")
+        format!("{words}; X is a radius (G8) now: if the program has diameters, write G7 on its first line")
     }
 }

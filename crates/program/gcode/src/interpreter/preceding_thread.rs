@@ -1,22 +1,22 @@
-//! A thread that the lines before a restart have begun.
+//! A thread that the lines before a restart have started.
 
 use crate::Action;
 
 /// The thread to which the last command belongs, if it is one.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct ThreadBefore {
+pub(crate) struct PrecedingThread {
     /// Spindle, angle and first line.
-    open: Option<(u32, f64, u32)>,
+    section: Option<(u32, f64, u32)>,
 }
 
-impl ThreadBefore {
+impl PrecedingThread {
     pub(crate) fn is_open(&self) -> bool {
-        self.open.is_some()
+        self.section.is_some()
     }
 
     /// Observes the next command. Returns the first line of the thread that it continues.
-    pub(crate) fn note(&mut self, action: &Action, line: u32) -> Option<u32> {
-        let before = self.open.take();
+    pub(crate) fn observe(&mut self, action: &Action, line: u32) -> Option<u32> {
+        let before = self.section.take();
         let Action::Thread {
             spindle,
             start_degrees,
@@ -28,7 +28,7 @@ impl ThreadBefore {
         let first = before
             .filter(|(of, degrees, _)| (*of, *degrees) == (spindle, start_degrees))
             .map(|(.., first)| first);
-        self.open = Some((spindle, start_degrees, first.unwrap_or(line)));
+        self.section = Some((spindle, start_degrees, first.unwrap_or(line)));
         first
     }
 }

@@ -27,12 +27,12 @@ const MAX_EDGES: usize = 20_000;
 const MAX_PIECES: usize = 4 * MAX_EDGES;
 
 /// Depth of a cut that is tolerated, mm: rounding of programs and corners.
-const PERMITTED_MM: f64 = 0.01;
+const CUT_TOLERANCE_MM: f64 = 0.01;
 
 /// Fraction of the radius by which the tool comes closer at a corner that is passed straight: see
-/// [`STRAIGHT`].
+/// [`STRAIGHT_RAD`].
 ///
-/// [`STRAIGHT`]: crate::execution::offset_path::STRAIGHT
+/// [`STRAIGHT_RAD`]: crate::execution::offset_path::STRAIGHT_RAD
 const STRAIGHT_LOSS: f64 = 0.00125;
 
 /// Maximum distance of the ends of a closed contour, mm.
@@ -46,27 +46,27 @@ struct Piece {
     end: Point,
     /// Centre, radius, start angle and swept angle of an arc.
     arc: Option<(Point, f64, f64, f64)>,
-    lowest: Point,
-    highest: Point,
+    low: Point,
+    high: Point,
     heights: [f64; 2],
     is_feed: bool,
     /// Number of commands before it.
-    at: u64,
+    command_index: u64,
 }
 
 impl Piece {
-    /// `aside` is subtracted from every point.
-    fn of(curve: &Curve, plane: Plane, aside: Point) -> Option<Self> {
+    /// `offset` is subtracted from every point.
+    fn of(curve: &Curve, plane: Plane, offset: Point) -> Option<Self> {
         let (.., third) = plane.axes();
         let (from, to) = (curve.start(), curve.end());
-        let (start, end) = (sub(plane.project(&from), aside), sub(plane.project(&to), aside));
+        let (start, end) = (sub(plane.project(&from), offset), sub(plane.project(&to), offset));
         let heights = [from[third].min(to[third]), from[third].max(to[third])];
-        let lowest = [start[0].min(end[0]), start[1].min(end[1])];
-        let highest = [start[0].max(end[0]), start[1].max(end[1])];
+        let low = [start[0].min(end[0]), start[1].min(end[1])];
+        let high = [start[0].max(end[0]), start[1].max(end[1])];
         let arc = match curve {
             Curve::Line(_) if length(sub(end, start)) > 0.0 => None,
             Curve::Arc(arc) if arc.plane() == plane => {
-                let (centre, radius) = (sub(arc.centre_mm(), aside), arc.radius_mm());
+                let (centre, radius) = (sub(arc.centre_mm(), offset), arc.radius_mm());
                 let ray = sub(start, centre);
                 Some((centre, radius, libm::atan2(ray[1], ray[0]), arc.sweep_rad()))
             }
@@ -76,12 +76,12 @@ impl Piece {
             start,
             end,
             arc,
-            lowest,
-            highest,
+            low,
+            high,
             heights,
             line: 0,
             is_feed: true,
-            at: 0,
+            command_index: 0,
         };
         piece.include_extremes();
         Some(piece)
@@ -96,25 +96,24 @@ impl Piece {
             for signed in [-radius, radius] {
                 let mut point = centre;
                 point[axis] += signed;
-                if self.reaches(point) {
-                    self.lowest[axis] = self.lowest[axis].min(point[axis]);
-                    self.highest[axis] = self.highest[axis].max(point[axis]);
+                if self.contains_direction(point) {
+                    self.low[axis] = self.low[axis].min(point[axis]);
+                    self.high[axis] = self.high[axis].max(point[axis]);
                 }
             }
         }
     }
 
     /// Whether the bounding boxes of two pieces are farther apart than a distance.
-    fn is_far(&self, other: &Self, distance: f64) -> bool {
+    fn is_farther_than(&self, other: &Self, distance: f64) -> bool {
         (0..2).any(|axis| {
-            self.lowest[axis] - other.highest[axis] > distance
-                || other.lowest[axis] - self.highest[axis] > distance
+            self.low[axis] - other.high[axis] > distance || other.low[axis] - self.high[axis] > distance
         }) || self.heights[0] > other.heights[1] + CLOSED_MM
             || other.heights[0] > self.heights[1] + CLOSED_MM
     }
 
     /// Whether an arc contains the direction of a point from its centre.
-    fn reaches(&self, point: Point) -> bool {
+    fn contains_direction(&self, point: Point) -> bool {
         let Some((centre, _, first, sweep)) = self.arc else {
             return false;
         };
@@ -126,13 +125,16 @@ impl Piece {
     /// The point nearest to another point.
     fn nearest(&self, point: Point) -> Point {
         let Some((centre, radius, ..)) = self.arc else {
-            let way = sub(self.end, self.start);
-            let at = (dot(sub(point, self.start), way) / dot(way, way)).clamp(0.0, 1.0);
-            return [self.start[0] + at * way[0], self.start[1] + at * way[1]];
+            let chord = sub(self.end, self.start);
+            let fraction = (dot(sub(point, self.start), chord) / dot(chord, chord)).clamp(0.0, 1.0);
+            return [
+                self.start[0] + fraction * chord[0],
+                self.start[1] + fraction * chord[1],
+            ];
         };
         let ray = sub(point, centre);
         let size = length(ray);
-        if size > 0.0 && self.reaches(point) {
+        if size > 0.0 && self.contains_direction(point) {
             return [
                 centre[0] + ray[0] / size * radius,
                 centre[1] + ray[1] / size * radius,
@@ -148,56 +150,63 @@ impl Piece {
 
     /// Whether two pieces have a common point.
     fn crosses(&self, other: &Self) -> bool {
-        let (a, b) = match (self.arc, other.arc) {
+        let (first, second) = match (self.arc, other.arc) {
             (None, None) => {
-                let side = |line: &Self, point: Point| {
-                    let (way, to) = (sub(line.end, line.start), sub(point, line.start));
-                    way[0] * to[1] - way[1] * to[0]
+                let signed_side = |line: &Self, point: Point| {
+                    let (chord, to) = (sub(line.end, line.start), sub(point, line.start));
+                    chord[0] * to[1] - chord[1] * to[0]
                 };
-                return side(self, other.start) * side(self, other.end) < 0.0
-                    && side(other, self.start) * side(other, self.end) < 0.0;
+                return signed_side(self, other.start) * signed_side(self, other.end) < 0.0
+                    && signed_side(other, self.start) * signed_side(other, self.end) < 0.0;
             }
             (Some(_), _) => (self, other),
             (None, Some(_)) => (other, self),
         };
-        let Some((centre, radius, ..)) = a.arc else {
+        let Some((centre, radius, ..)) = first.arc else {
             return false;
         };
-        // The points of the circle on the other line or circle: a middle, and two points beside it.
-        let (middle, direction, square) = match b.arc {
+        // The intersections of the circle with the other line or circle: both ends of a chord about its
+        // midpoint.
+        let (chord_middle, direction, square) = match second.arc {
             None => {
-                let way = sub(b.end, b.start);
-                let size = length(way);
-                let direction = [way[0] / size, way[1] / size];
-                let at = dot(sub(centre, b.start), direction);
-                let foot = [b.start[0] + at * direction[0], b.start[1] + at * direction[1]];
-                let aside = sub(centre, foot);
-                (foot, direction, radius * radius - dot(aside, aside))
+                let chord = sub(second.end, second.start);
+                let size = length(chord);
+                let direction = [chord[0] / size, chord[1] / size];
+                let distance = dot(sub(centre, second.start), direction);
+                let foot = [
+                    second.start[0] + distance * direction[0],
+                    second.start[1] + distance * direction[1],
+                ];
+                let normal = sub(centre, foot);
+                (foot, direction, radius * radius - dot(normal, normal))
             }
-            Some((other, second, ..)) => {
-                let way = sub(other, centre);
-                let size = length(way);
+            Some((second_centre, second_radius, ..)) => {
+                let chord = sub(second_centre, centre);
+                let size = length(chord);
                 if size <= 0.0 {
                     return false;
                 }
-                let along = (size * size + radius * radius - second * second) / (2.0 * size);
-                let ray = [way[0] / size, way[1] / size];
-                let middle = [centre[0] + along * ray[0], centre[1] + along * ray[1]];
-                (middle, [-ray[1], ray[0]], radius * radius - along * along)
+                let axial = (size * size + radius * radius - second_radius * second_radius) / (2.0 * size);
+                let ray = [chord[0] / size, chord[1] / size];
+                let chord_middle = [centre[0] + axial * ray[0], centre[1] + axial * ray[1]];
+                (chord_middle, [-ray[1], ray[0]], radius * radius - axial * axial)
             }
         };
         if square < 0.0 {
             return false;
         }
-        [square.sqrt(), -square.sqrt()].iter().any(|half| {
-            let point = [middle[0] + half * direction[0], middle[1] + half * direction[1]];
-            let on_b = match b.arc {
-                Some(_) => b.reaches(point),
-                None => {
-                    (0.0..=1.0).contains(&(dot(sub(point, b.start), direction) / length(sub(b.end, b.start))))
-                }
+        [square.sqrt(), -square.sqrt()].iter().any(|half_chord| {
+            let point = [
+                chord_middle[0] + half_chord * direction[0],
+                chord_middle[1] + half_chord * direction[1],
+            ];
+            let is_on_second = match second.arc {
+                Some(_) => second.contains_direction(point),
+                None => (0.0..=1.0).contains(
+                    &(dot(sub(point, second.start), direction) / length(sub(second.end, second.start))),
+                ),
             };
-            a.reaches(point) && on_b
+            first.contains_direction(point) && is_on_second
         })
     }
 
@@ -206,32 +215,33 @@ impl Piece {
         if self.crosses(other) {
             return 0.0;
         }
-        let to = |piece: &Self, point: Point| length(sub(piece.nearest(point), point));
-        let mut min = to(self, other.start)
-            .min(to(self, other.end))
-            .min(to(other, self.start))
-            .min(to(other, self.end));
-        // Inside both: on the line through an arc's centre that is perpendicular to the other piece.
-        for (round, other) in [(self, other), (other, self)] {
-            let Some((centre, radius, ..)) = round.arc else {
+        let end_distance = |piece: &Self, point: Point| length(sub(piece.nearest(point), point));
+        let mut min = end_distance(self, other.start)
+            .min(end_distance(self, other.end))
+            .min(end_distance(other, self.start))
+            .min(end_distance(other, self.end));
+        // Between the ends of both: on the line through the centre of an arc that is perpendicular to the
+        // other piece.
+        for (arc, other) in [(self, other), (other, self)] {
+            let Some((centre, radius, ..)) = arc.arc else {
                 continue;
             };
             let feet = match other.arc {
                 None => [other.nearest(centre); 2],
-                Some((second, far, ..)) => {
-                    let ray = sub(centre, second);
+                Some((second_centre, second_radius, ..)) => {
+                    let ray = sub(centre, second_centre);
                     let size = length(ray).max(f64::MIN_POSITIVE);
-                    let at = |sign: f64| {
+                    let on_circle = |sign: f64| {
                         [
-                            second[0] + sign * far * ray[0] / size,
-                            second[1] + sign * far * ray[1] / size,
+                            second_centre[0] + sign * second_radius * ray[0] / size,
+                            second_centre[1] + sign * second_radius * ray[1] / size,
                         ]
                     };
-                    [at(1.0), at(-1.0)]
+                    [on_circle(1.0), on_circle(-1.0)]
                 }
             };
             for foot in feet {
-                if other.arc.is_some() && !other.reaches(foot) {
+                if other.arc.is_some() && !other.contains_direction(foot) {
                     continue;
                 }
                 let ray = sub(foot, centre);
@@ -244,7 +254,7 @@ impl Piece {
                         centre[0] + sign * radius * ray[0] / size,
                         centre[1] + sign * radius * ray[1] / size,
                     ];
-                    if round.reaches(point) {
+                    if arc.contains_direction(point) {
                         min = min.min(length(sub(point, foot)));
                     }
                 }
@@ -271,21 +281,23 @@ impl Piece {
 
 /// Pieces by their extent, so that only those near a piece are compared with it.
 #[derive(Debug)]
-struct Nearby(RTree<GeomWithData<Rectangle<Point>, usize>>);
+struct EdgeTree(RTree<GeomWithData<Rectangle<Point>, usize>>);
 
-impl Nearby {
+impl EdgeTree {
     fn new(pieces: &[Piece]) -> Self {
-        let extents = pieces.iter().enumerate().map(|(index, piece)| {
-            GeomWithData::new(Rectangle::from_corners(piece.lowest, piece.highest), index)
-        });
+        let extents = pieces
+            .iter()
+            .enumerate()
+            .map(|(index, piece)| GeomWithData::new(Rectangle::from_corners(piece.low, piece.high), index));
         Self(RTree::bulk_load(extents.collect()))
     }
 
-    /// Indices of the pieces whose extent comes as near to `piece` as `distance`, in the order of the contour.
+    /// Indices of the pieces whose extent comes as near to `piece` as `distance`, in the order of the
+    /// contour.
     fn to(&self, piece: &Piece, distance: f64) -> Vec<usize> {
-        let lowest = piece.lowest.map(|value| value - distance);
-        let highest = piece.highest.map(|value| value + distance);
-        let within = AABB::from_corners(lowest, highest);
+        let low = piece.low.map(|value| value - distance);
+        let high = piece.high.map(|value| value + distance);
+        let within = AABB::from_corners(low, high);
         let mut found: Vec<usize> = self
             .0
             .locate_in_envelope_intersecting(&within)
@@ -313,7 +325,7 @@ struct Tool {
 struct ClosedContour {
     tool: Tool,
     edges: Vec<Piece>,
-    nearby: Nearby,
+    edge_tree: EdgeTree,
     path: Vec<Piece>,
     outline: Vec<Point>,
     /// Whether the tool is inside.
@@ -339,7 +351,7 @@ impl ClosedContour {
             .sum();
         Self {
             tool,
-            nearby: Nearby::new(&edges),
+            edge_tree: EdgeTree::new(&edges),
             edges,
             path,
             outline,
@@ -363,14 +375,14 @@ impl ClosedContour {
 
     /// Whether this is an island in a pocket. Contours that intersect count as pockets of each other.
     fn is_island_in(&self, pocket: &Self) -> bool {
-        let is_one = !self.is_pocket && pocket.is_pocket && self.tool.plane == pocket.tool.plane;
-        is_one
+        let is_candidate = !self.is_pocket && pocket.is_pocket && self.tool.plane == pocket.tool.plane;
+        is_candidate
             && pocket.contains(self.edges[0].start)
             && !self.contains(pocket.edges[0].start)
             && !self.edges.iter().any(|edge| {
-                let near = pocket.nearby.to(edge, 0.0);
-                let mut near = near.iter().map(|index| &pocket.edges[*index]);
-                near.any(|other| !edge.is_far(other, 0.0) && edge.crosses(other))
+                let nearby = pocket.edge_tree.to(edge, 0.0);
+                let mut nearby = nearby.iter().map(|index| &pocket.edges[*index]);
+                nearby.any(|other| !edge.is_farther_than(other, 0.0) && edge.crosses(other))
             })
     }
 
@@ -378,13 +390,13 @@ impl ClosedContour {
     fn cut(&self, other: &Self) -> Option<Cut> {
         let mut deepest: Option<Cut> = None;
         for piece in &self.path {
-            for edge in other.nearby.to(piece, self.tool.radius) {
+            for edge in other.edge_tree.to(piece, self.tool.radius) {
                 let edge = &other.edges[edge];
-                if piece.is_far(edge, self.tool.radius) {
+                if piece.is_farther_than(edge, self.tool.radius) {
                     continue;
                 }
                 let depth = self.tool.radius - piece.distance(edge);
-                if depth > PERMITTED_MM + STRAIGHT_LOSS * self.tool.radius
+                if depth > CUT_TOLERANCE_MM + STRAIGHT_LOSS * self.tool.radius
                     && deepest.is_none_or(|cut| depth > cut.depth)
                 {
                     deepest = Some(Cut {
@@ -398,17 +410,17 @@ impl ClosedContour {
         deepest
     }
 
-    /// `is_known`: all edges are edges of the part.
-    fn warning(&self, cut: Cut, is_known: bool) -> CanonicalCommand {
+    /// `are_edges_certain`: all edges are edges of the part.
+    fn warning(&self, cut: Cut, are_edges_certain: bool) -> CanonicalCommand {
         let unit = self.tool.unit;
-        let unless = if is_known {
+        let note = if are_edges_certain {
             ""
         } else {
             " (ignore this if that line only leads to or from the part)"
         };
         let text = format!(
             "the tool of radius {:.4} beside this move cuts {:.4} deep into the contour of line {}, which is \
-             near but not next to it; use a smaller tool, or leave out the part that it cannot reach{unless}",
+             near but not next to it; use a smaller tool, or leave out the part that it cannot reach{note}",
             self.tool.radius / unit,
             cut.depth / unit,
             cut.edge
@@ -431,14 +443,14 @@ fn warning(line: u32, text: String) -> CanonicalCommand {
 
 /// The contours with cutter compensation of one program.
 #[derive(Debug, Default)]
-pub(crate) struct ContourWatch {
+pub(crate) struct ContourChecker {
     /// Number of commands that have been output.
     output_count: u64,
     /// The tool of the present compensation.
     tool: Option<Tool>,
     /// Number of commands after which its compensation ends.
     end: Option<u64>,
-    /// Programmed moves, and the path as far as it is final.
+    /// Programmed moves, and the final part of the path.
     edges: Vec<Piece>,
     path: Vec<Piece>,
     /// Whether the move to the contour has been output.
@@ -448,10 +460,10 @@ pub(crate) struct ContourWatch {
     findings: VecDeque<CanonicalCommand>,
 }
 
-impl ContourWatch {
+impl ContourChecker {
     /// Starts compensation.
     pub(crate) fn begin(&mut self, cutter: &CutterState, plane: Plane, unit: f64) {
-        self.forget();
+        self.reset();
         let (radius, side, nose) = cutter.tool();
         self.tool = Some(Tool {
             radius,
@@ -463,14 +475,14 @@ impl ContourWatch {
     }
 
     /// Ends compensation after the commands that are held now.
-    pub(crate) fn end(&mut self, waiting: usize) {
+    pub(crate) fn end(&mut self, pending_count: usize) {
         if self.tool.is_some() && self.end.is_none() {
-            self.end = Some(self.output_count + waiting as u64);
+            self.end = Some(self.output_count + pending_count as u64);
         }
     }
 
     /// Adds a programmed move with compensation.
-    pub(crate) fn programmed(&mut self, curve: &Curve, kind: MoveKind, line: u32, waiting: usize) {
+    pub(crate) fn programmed(&mut self, curve: &Curve, kind: MoveKind, line: u32, pending_count: usize) {
         let Some(tool) = self.tool else { return };
         // One more than the maximum marks the excess.
         if self.edges.len() <= MAX_EDGES {
@@ -478,7 +490,7 @@ impl ContourWatch {
             self.edges.extend(piece.map(|piece| Piece {
                 line,
                 is_feed: kind == MoveKind::Feed,
-                at: self.output_count + waiting as u64,
+                command_index: self.output_count + pending_count as u64,
                 ..piece
             }));
         }
@@ -494,11 +506,11 @@ impl ContourWatch {
     }
 
     /// Commands were discarded.
-    pub(crate) fn skip(&mut self) {
-        self.forget();
+    pub(crate) fn discard(&mut self) {
+        self.reset();
     }
 
-    fn forget(&mut self) {
+    fn reset(&mut self) {
         self.edges.clear();
         self.path.clear();
         (self.tool, self.end, self.has_entered) = (None, None, false);
@@ -508,12 +520,12 @@ impl ContourWatch {
     #[inline]
     pub(crate) fn output(&mut self, command: &CanonicalCommand) {
         if self.tool.is_some() {
-            self.follow(command);
+            self.record_path(command);
         }
         self.output_count += 1;
     }
 
-    fn follow(&mut self, command: &CanonicalCommand) {
+    fn record_path(&mut self, command: &CanonicalCommand) {
         let (Some(tool), Action::Move(Move { curve, .. })) = (self.tool, &command.action) else {
             return;
         };
@@ -527,7 +539,7 @@ impl ContourWatch {
         let piece = Piece::of(curve, tool.plane, tool.nose);
         self.path.extend(piece.map(|piece| Piece {
             line: command.line,
-            at: self.output_count,
+            command_index: self.output_count,
             ..piece
         }));
     }
@@ -541,13 +553,18 @@ impl ContourWatch {
         self.findings.pop_front()
     }
 
-    /// The commands after a closed contour that do not lead away from it: a further lap, which need not bound
-    /// the same part. It may cut a corner that the first lap has left.
-    fn another_lap(&self, last: usize, is_last: bool) -> std::ops::Range<u64> {
-        let rest = self.edges.get(last + 1..).unwrap_or(&[]);
-        let away = leads(rest.iter().rev());
-        match (rest.first(), rest.get(rest.len().saturating_sub(away))) {
-            (Some(first), Some(leaves)) if is_last => first.at..leaves.at,
+    /// The commands after a closed contour that do not lead away from it: a second lap, which need not be an
+    /// edge of the same part. It may cut a corner of the first lap.
+    fn second_lap(&self, last: usize, is_last_contour: bool) -> std::ops::Range<u64> {
+        let remaining = self.edges.get(last + 1..).unwrap_or(&[]);
+        let lead_out = lead_move_count(remaining.iter().rev());
+        match (
+            remaining.first(),
+            remaining.get(remaining.len().saturating_sub(lead_out)),
+        ) {
+            (Some(first), Some(lead_out_start)) if is_last_contour => {
+                first.command_index..lead_out_start.command_index
+            }
             _ => 0..0,
         }
     }
@@ -567,19 +584,20 @@ impl ContourWatch {
             ));
         }
         if let Some(tool) = self.tool.filter(|_| !is_long) {
-            let closed = closed(&self.edges);
-            for (index, &(first, last)) in closed.iter().enumerate() {
+            let contours = closed_contours(&self.edges);
+            for (index, &(first, last)) in contours.iter().enumerate() {
                 // Including entry and exit moves.
-                let edge = |index: usize| self.edges.get(index).map(|edge| edge.at);
-                let begin = index.checked_sub(1).and_then(|before| edge(closed[before].1 + 1));
-                let end = closed.get(index + 1).and_then(|next| edge(next.0));
+                let edge = |index: usize| self.edges.get(index).map(|edge| edge.command_index);
+                let begin = index
+                    .checked_sub(1)
+                    .and_then(|previous| edge(contours[previous].1 + 1));
+                let end = contours.get(index + 1).and_then(|next| edge(next.0));
                 let (begin, end) = (begin.unwrap_or(0), end.unwrap_or(u64::MAX));
                 let edges = self.edges[first..=last].iter().filter(|edge| edge.is_feed);
-                let another = self.another_lap(last, index + 1 == closed.len());
-                let path = self
-                    .path
-                    .iter()
-                    .filter(|piece| (begin..end).contains(&piece.at) && !another.contains(&piece.at));
+                let second_lap = self.second_lap(last, index + 1 == contours.len());
+                let path = self.path.iter().filter(|piece| {
+                    (begin..end).contains(&piece.command_index) && !second_lap.contains(&piece.command_index)
+                });
                 let contour = ClosedContour::new(tool, edges.copied().collect(), path.copied().collect());
                 if contour.edges.is_empty() {
                     continue;
@@ -596,31 +614,33 @@ impl ContourWatch {
                     self.contours.pop_front();
                 }
             }
-            if closed.is_empty() {
-                let edges = open(&self.edges).iter().filter(|edge| edge.is_feed);
+            if contours.is_empty() {
+                let edges = open_contour_edges(&self.edges).iter().filter(|edge| edge.is_feed);
                 let contour = ClosedContour::new(tool, edges.copied().collect(), self.path.clone());
                 found.extend(contour.cut(&contour).map(|cut| contour.warning(cut, false)));
             }
         }
-        self.forget();
+        self.reset();
         self.findings.extend(found);
     }
 }
 
 /// Number of moves that may lead to a contour or away from it: the first move and the arcs next to it.
-fn leads<'a>(mut moves: impl Iterator<Item = &'a Piece>) -> usize {
+fn lead_move_count<'a>(mut moves: impl Iterator<Item = &'a Piece>) -> usize {
     let first = usize::from(moves.next().is_some());
     first + moves.take_while(|piece| piece.arc.is_some()).count()
 }
 
 /// The moves of an open contour without possible entry and exit moves.
-fn open(edges: &[Piece]) -> &[Piece] {
-    let (there, away) = (leads(edges.iter()), leads(edges.iter().rev()));
-    edges.get(there..edges.len().saturating_sub(away)).unwrap_or(&[])
+fn open_contour_edges(edges: &[Piece]) -> &[Piece] {
+    let (lead_in, lead_out) = (lead_move_count(edges.iter()), lead_move_count(edges.iter().rev()));
+    edges
+        .get(lead_in..edges.len().saturating_sub(lead_out))
+        .unwrap_or(&[])
 }
 
 /// First and last edge of each closed contour.
-fn closed(edges: &[Piece]) -> Vec<(usize, usize)> {
+fn closed_contours(edges: &[Piece]) -> Vec<(usize, usize)> {
     let starts = edges.iter().enumerate();
     let starts = RTree::bulk_load(
         starts
@@ -628,16 +648,16 @@ fn closed(edges: &[Piece]) -> Vec<(usize, usize)> {
             .collect(),
     );
     let mut found = Vec::new();
-    let mut free = 0;
+    let mut next_free = 0;
     for last in 0..edges.len() {
-        let near = starts.locate_within_distance(edges[last].end, CLOSED_MM * CLOSED_MM);
-        let near = near
+        let candidates = starts.locate_within_distance(edges[last].end, CLOSED_MM * CLOSED_MM);
+        let candidates = candidates
             .map(|start| start.data)
-            .filter(|first| (free..=last).contains(first));
+            .filter(|first| (next_free..=last).contains(first));
         // The latest first: back at the start of the contour, before the entry path is retraced.
-        if let Some(first) = near.max() {
+        if let Some(first) = candidates.max() {
             found.push((first, last));
-            free = last + 1;
+            next_free = last + 1;
         }
     }
     found

@@ -7,7 +7,7 @@ use std::io::BufRead;
 
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
-use crate::interpreter::o_words::{Definition, Open, Skip, order};
+use crate::interpreter::o_words::{Definition, OpenBlock, Skip, order_fault};
 use crate::parameters::names::NameId;
 use crate::syntax::block::{Keyword, OWord};
 use crate::syntax::lines::Lines;
@@ -15,14 +15,14 @@ use crate::syntax::parser::{is_percent, o_word};
 use crate::{Action, Code};
 
 /// An open block: its first keyword, its line, and the keyword that ends it.
-struct OpenBlock {
+struct UnclosedBlock {
     name: NameId,
     begin: Keyword,
     line: u32,
     end: Keyword,
 }
 
-impl Open {
+impl OpenBlock {
     fn begin(self) -> Keyword {
         match self {
             Self::If { .. } => Keyword::If,
@@ -54,12 +54,12 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// The line with which a condition or loop of the present frame starts.
-    pub(crate) fn line_of(&self, open: Open) -> u32 {
+    pub(crate) fn line_of(&self, open: OpenBlock) -> u32 {
         self.line_in_frame(self.flow.frames.len() - 1, open)
     }
 
-    fn line_in_frame(&self, frame: usize, open: Open) -> u32 {
-        if let Open::If { line, .. } = open {
+    fn line_in_frame(&self, frame: usize, open: OpenBlock) -> u32 {
+        if let OpenBlock::If { line, .. } = open {
             return line;
         }
         let lines = self
@@ -67,9 +67,9 @@ impl<R: BufRead> Interpreter<R> {
             .frames
             .get(frame)
             .and_then(|frame| frame.lines.as_deref());
-        let lines = lines.unwrap_or(&self.flow.tape);
-        let place = open.loop_start().and_then(|start| lines.get(start));
-        place.map_or(self.current.number, |(_, line)| line)
+        let lines = lines.unwrap_or(&self.flow.line_buffer);
+        let start_line = open.loop_start().and_then(|start| lines.get(start));
+        start_line.map_or(self.current.number, |(_, line)| line)
     }
 
     /// The line with the sub of the active subroutine.
@@ -77,7 +77,7 @@ impl<R: BufRead> Interpreter<R> {
         let frame = self.flow.frames.last()?;
         let lines = frame.lines.as_deref()?;
         match frame.first.checked_sub(1) {
-            Some(place) => lines.get(place).map(|(_, line)| line),
+            Some(index) => lines.get(index).map(|(_, line)| line),
             // The lines of a program are stored without it.
             None => lines.get(0).map(|(_, line)| line.saturating_sub(1)),
         }
@@ -88,7 +88,7 @@ impl<R: BufRead> Interpreter<R> {
         self.flow.frames.len() > 1
             && self.flow.frames.last().is_some_and(|frame| {
                 let is_of_file = frame.lines.as_ref().is_some_and(|lines| lines.file.is_some());
-                frame.own_parameters && !(is_of_file && frame.first == 0)
+                frame.has_own_parameters && !(is_of_file && frame.first == 0)
             })
     }
 
@@ -104,30 +104,30 @@ impl<R: BufRead> Interpreter<R> {
         begin: Keyword,
         end: Keyword,
     ) -> Option<u32> {
-        if self.flow.frames.len() == 1 && !self.flow.on_tape {
-            self.mark();
+        if self.flow.frames.len() == 1 && !self.flow.is_buffered {
+            self.start_buffering();
         }
-        let (index, mut place) = (frame, self.flow.frames.get(frame)?.at);
+        let (index, mut line_index) = (frame, self.flow.frames.get(frame)?.next_index);
         let mut text = Vec::new();
         loop {
             let frame = self.flow.frames.get(index)?;
-            let kept = match &frame.lines {
-                Some(lines) => Some(lines.get(place)?),
-                None => self.flow.tape.get(place),
+            let stored = match &frame.lines {
+                Some(lines) => Some(lines.get(line_index)?),
+                None => self.flow.line_buffer.get(line_index),
             };
-            let line = if let Some((kept, line)) = kept {
+            let line = if let Some((stored, line)) = stored {
                 text.clear();
-                text.extend_from_slice(kept);
+                text.extend_from_slice(stored);
                 line
             } else {
-                let is_full = self.flow.tape.size() > self.settings.limits.max_body_bytes;
+                let is_full = self.flow.line_buffer.size() > self.settings.limits.max_body_bytes;
                 if is_full || !matches!(self.reader.read_into(&mut text), Ok(true)) {
                     return None;
                 }
-                self.flow.tape.push(self.reader.line(), &text);
+                self.flow.line_buffer.push(self.reader.line(), &text);
                 self.reader.line()
             };
-            place += 1;
+            line_index += 1;
             if index == 0 && self.percent == Some(true) && is_percent(&text) {
                 return None;
             }
@@ -142,15 +142,15 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// Handles an endsub whose name differs from that of the subroutine that is being collected.
-    pub(crate) fn wrong_end_of_definition(&mut self, word: &OWord) -> Result<(), Fault> {
+    pub(crate) fn mismatched_end_of_definition(&mut self, word: &OWord) -> Result<(), Fault> {
         let Some(Definition { name, text, line, .. }) = &self.flow.definition else {
             return Ok(());
         };
         let (name, text, line) = (*name, text.clone(), *line);
-        if self.is_refused_sub(word) {
+        if self.is_rejected_sub(word) {
             return Ok(());
         }
-        let fault = self.wrong_end(word, name, &text, Some(line));
+        let fault = self.mismatched_end(word, name, &text, Some(line));
         match fault {
             (fault, true) => {
                 self.end_definition();
@@ -161,10 +161,10 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// Handles an endsub whose name differs from that of the active subroutine.
-    pub(crate) fn wrong_end_of_active(&mut self, word: &OWord) -> Fault {
+    pub(crate) fn mismatched_end_of_active(&mut self, word: &OWord) -> Fault {
         let name = self.frame().name;
         let (text, line) = (self.name_of(name), self.line_of_sub());
-        let (fault, ends_here) = self.wrong_end(word, name, &text, line);
+        let (fault, ends_here) = self.mismatched_end(word, name, &text, line);
         if ends_here && let Err(unrestored) = self.return_from(None) {
             return unrestored;
         }
@@ -172,9 +172,15 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// The error of an endsub with the wrong name, and whether it is the intended end.
-    fn wrong_end(&mut self, word: &OWord, name: NameId, text: &str, begun: Option<u32>) -> (Fault, bool) {
+    fn mismatched_end(
+        &mut self,
+        word: &OWord,
+        name: NameId,
+        text: &str,
+        start_line: Option<u32>,
+    ) -> (Fault, bool) {
         let other = word.name.as_str();
-        let of_line = begun.map_or_else(String::new, |line| format!(" of line {line}"));
+        let of_line = start_line.map_or_else(String::new, |line| format!(" of line {line}"));
         let end = self.line_of_end(name, Keyword::Sub, Keyword::EndSub);
         let (message, help) = match end {
             None => (
@@ -193,9 +199,9 @@ impl<R: BufRead> Interpreter<R> {
         (fault, end.is_none())
     }
 
-    fn is_refused_sub(&mut self, word: &OWord) -> bool {
+    fn is_rejected_sub(&mut self, word: &OWord) -> bool {
         let name = self.label(word).ok();
-        name.is_some_and(|name| self.flow.refused_subs.contains(&name))
+        name.is_some_and(|name| self.flow.rejected_subs.contains(&name))
     }
 
     /// Handles a sub among the lines of a subroutine that is being collected.
@@ -206,7 +212,7 @@ impl<R: BufRead> Interpreter<R> {
         let (outer, text, line) = (*name, text.clone(), *line);
         let name = self.label(word)?;
         if self.line_of_end(outer, Keyword::Sub, Keyword::EndSub).is_some() {
-            self.refuse_sub(name);
+            self.reject_sub(name);
             if let Some(definition) = &mut self.flow.definition {
                 definition.lines.push(self.current.number, &self.current.text);
             }
@@ -215,14 +221,14 @@ impl<R: BufRead> Interpreter<R> {
         // The end of the outer subroutine was forgotten; this one is correct.
         let file = (self.flow.definition.as_ref()).and_then(|outer| outer.lines.file.clone());
         self.end_definition();
-        self.refuse_sub(outer);
+        self.reject_sub(outer);
         self.flow.definition = Some(Definition {
             name,
             text: word.name.as_str().to_owned(),
             line: self.current.number,
             lines: Lines::of_file(file),
         });
-        Err(unended(word, &text, Some(line)))
+        Err(missing_endsub(word, &text, Some(line)))
     }
 
     /// Handles a sub among the lines of the active subroutine.
@@ -230,31 +236,31 @@ impl<R: BufRead> Interpreter<R> {
         let outer = self.frame().name;
         let (text, line) = (self.name_of(outer), self.line_of_sub());
         if self.line_of_end(outer, Keyword::Sub, Keyword::EndSub).is_some() {
-            self.refuse_sub(name);
+            self.reject_sub(name);
             return nested(word, &text, line);
         }
-        self.refuse_sub(outer);
+        self.reject_sub(outer);
         match self.return_from(None) {
-            Ok(()) => unended(word, &text, line),
+            Ok(()) => missing_endsub(word, &text, line),
             Err(unrestored) => unrestored,
         }
     }
 
-    fn refuse_sub(&mut self, name: NameId) {
-        if !self.flow.refused_subs.contains(&name) {
-            self.flow.refused_subs.push(name);
+    fn reject_sub(&mut self, name: NameId) {
+        if !self.flow.rejected_subs.contains(&name) {
+            self.flow.rejected_subs.push(name);
         }
     }
 
     /// The error of an O-word that ends a condition or loop other than the innermost open one.
-    pub(crate) fn end_without_begin(&mut self, word: &OWord) -> Fault {
+    pub(crate) fn unmatched_end(&mut self, word: &OWord) -> Fault {
         let begin = match word.keyword {
             Keyword::EndIf => Keyword::If,
             Keyword::EndRepeat => Keyword::Repeat,
             _ => Keyword::While,
         };
-        let fault = order(word, &format!("has no {} before it", begin.name()));
-        let Some(open) = self.frame().open.last().copied() else {
+        let fault = order_fault(word, &format!("has no {} before it", begin.name()));
+        let Some(open) = self.frame().open_blocks.last().copied() else {
             return fault;
         };
         if open.end() != word.keyword || self.line_of_end(open.name(), open.begin(), open.end()).is_some() {
@@ -269,7 +275,7 @@ impl<R: BufRead> Interpreter<R> {
             self.line_of(open)
         );
         // It ends here, so that the end of the text is not a second error.
-        self.frame().open.pop();
+        self.frame().open_blocks.pop();
         Fault::new(Code::OWordOrder, word.span, message).help("write the same name or number at both")
     }
 
@@ -277,17 +283,17 @@ impl<R: BufRead> Interpreter<R> {
     /// but its end was probably forgotten before M2: the lines of a loop are then executed once.
     pub(crate) fn warn_of_open_at_end(&mut self) {
         let frames = &self.flow.frames;
-        if self.settings.is_block || frames.iter().all(|frame| frame.open.is_empty()) {
+        if self.settings.is_mdi || frames.iter().all(|frame| frame.open_blocks.is_empty()) {
             return;
         }
         for frame in (0..self.flow.frames.len()).rev() {
-            for open in self.flow.frames[frame].open.clone().into_iter().rev() {
+            for open in self.flow.frames[frame].open_blocks.clone().into_iter().rev() {
                 let (name, begin, end) = (open.name(), open.begin(), open.end());
                 let is_ended = self.line_of_end_in_frame(frame, name, begin, end).is_some();
-                if is_ended || self.flow.tape.size() > self.settings.limits.max_body_bytes {
+                if is_ended || self.flow.line_buffer.size() > self.settings.limits.max_body_bytes {
                     continue;
                 }
-                let text = self.open_at("the program ends", frame, open);
+                let text = self.unclosed_block_warning("the program ends", frame, open);
                 self.warn_before_end(text);
                 return;
             }
@@ -297,26 +303,26 @@ impl<R: BufRead> Interpreter<R> {
     /// Warns of a condition or loop around the end of a subroutine. It is valid too, but no line can end it
     /// any more.
     pub(crate) fn warn_of_open_at_endsub(&mut self) {
-        if let Some(open) = self.frame().open.last().copied() {
-            let text = self.open_at("the subroutine ends", self.flow.frames.len() - 1, open);
+        if let Some(open) = self.frame().open_blocks.last().copied() {
+            let text = self.unclosed_block_warning("the subroutine ends", self.flow.frames.len() - 1, open);
             self.warn(text);
         }
     }
 
     /// The warning for a condition or loop without an end.
-    fn open_at(&self, what_ends: &str, frame: usize, open: Open) -> String {
+    fn unclosed_block_warning(&self, ending: &str, frame: usize, open: OpenBlock) -> String {
         let (name, begin, end) = (self.name_of(open.name()), open.begin().name(), open.end().name());
         let lines = self.flow.frames.get(frame).and_then(|frame| frame.lines.as_ref());
         let file = lines.and_then(|lines| lines.file.as_deref());
         let of_file = file.map_or_else(String::new, |file| format!(" of {file}"));
-        let once = if open.is_loop() {
+        let note = if open.is_loop() {
             ", and its lines are not repeated"
         } else {
             ""
         };
         format!(
-            "{what_ends} inside O<{name}> {begin} of line {}{of_file}, because O<{name}> {end} is \
-             missing{once}: write O<{name}> {end} after the last line that belongs to it",
+            "{ending} inside O<{name}> {begin} of line {}{of_file}, because O<{name}> {end} is \
+             missing{note}: write O<{name}> {end} after the last line that belongs to it",
             self.line_in_frame(frame, open)
         )
     }
@@ -335,22 +341,22 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// The innermost open block at the end of a frame.
-    fn open_block(&mut self) -> Option<OpenBlock> {
+    fn unclosed_block(&mut self) -> Option<UnclosedBlock> {
         if let Some(Skip::End(name, end, line)) = self.flow.skip {
             let begin = match end {
                 Keyword::EndRepeat => Keyword::Repeat,
                 Keyword::EndWhile => Keyword::While,
                 _ => Keyword::Do,
             };
-            return Some(OpenBlock {
+            return Some(UnclosedBlock {
                 name,
                 begin,
                 line,
                 end,
             });
         }
-        if let Some(open) = self.frame().open.last().copied() {
-            return Some(OpenBlock {
+        if let Some(open) = self.frame().open_blocks.last().copied() {
+            return Some(UnclosedBlock {
                 name: open.name(),
                 begin: open.begin(),
                 line: self.line_of(open),
@@ -358,10 +364,10 @@ impl<R: BufRead> Interpreter<R> {
             });
         }
         let frame = self.flow.frames.last()?;
-        if self.flow.frames.len() == 1 || self.flow.refused_subs.contains(&frame.name) {
+        if self.flow.frames.len() == 1 || self.flow.rejected_subs.contains(&frame.name) {
             return None;
         }
-        Some(OpenBlock {
+        Some(UnclosedBlock {
             name: frame.name,
             begin: Keyword::Sub,
             line: self.line_of_sub().unwrap_or(self.current.number),
@@ -376,11 +382,11 @@ impl<R: BufRead> Interpreter<R> {
         let lines = frame
             .lines
             .as_ref()
-            .filter(|_| frame.first == 0 && frame.open.is_empty())?;
+            .filter(|_| frame.first == 0 && frame.open_blocks.is_empty())?;
         let file = lines.file.as_deref()?;
         let name = self.flow.labels.name(frame.name)?;
-        let inside = (0..lines.len()).find_map(|place| {
-            let (text, line) = lines.get(place)?;
+        let inside = (0..lines.len()).find_map(|index| {
+            let (text, line) = lines.get(index)?;
             let word = o_word(text, &self.scope()).ok()??;
             (word.keyword == Keyword::Sub).then_some((word.name, line))
         });
@@ -393,34 +399,34 @@ impl<R: BufRead> Interpreter<R> {
             ),
             None => format!("write O<{name}> sub before its first line, and O<{name}> endsub after the last"),
         };
-        Some(self.at_end(message, help))
+        Some(self.error_at_end(message, help))
     }
 
     /// The error of blocks that are still open at the end of a frame.
-    pub(crate) fn unfinished(&mut self) -> Option<Fault> {
+    pub(crate) fn unclosed_block_error(&mut self) -> Option<Fault> {
         if let Some(Definition { text, line, .. }) = &self.flow.definition {
-            let place = self.place_of_begin(*line);
+            let start = self.block_start_description(*line);
             let message =
-                format!("the text ends, but O<{text}> endsub is missing: O<{text}> sub starts in {place}");
+                format!("the text ends, but O<{text}> endsub is missing: O<{text}> sub starts in {start}");
             let help = format!("write O<{text}> endsub after the last line of the subroutine");
-            return Some(self.at_end(message, help));
+            return Some(self.error_at_end(message, help));
         }
         if let Some(fault) = self.file_without_subroutine() {
             return Some(fault);
         }
-        let block = self.open_block()?;
+        let block = self.unclosed_block()?;
         let (name, begin, end) = (self.name_of(block.name), block.begin.name(), block.end.name());
         let message = format!(
             "the text ends, but O<{name}> {end} is missing: O<{name}> {begin} starts in {}",
-            self.place_of_begin(block.line)
+            self.block_start_description(block.line)
         );
         let help = format!("write O<{name}> {end} after the last line that belongs to it");
-        Some(self.at_end(message, help))
+        Some(self.error_at_end(message, help))
     }
 
     /// Description of a block's start. An MDI block starts with lines that the user has not written.
-    fn place_of_begin(&self, line: u32) -> String {
-        if self.settings.is_block && self.flow.frames.len() == 1 {
+    fn block_start_description(&self, line: u32) -> String {
+        if self.settings.is_mdi && self.flow.frames.len() == 1 {
             "this block, and MDI executes one line".to_owned()
         } else {
             format!("line {line}")
@@ -428,12 +434,12 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// An error of the end of a frame, with its last line.
-    fn at_end(&mut self, message: String, help: String) -> Fault {
+    fn error_at_end(&mut self, message: String, help: String) -> Fault {
         let frame = self.flow.frames.last().and_then(|frame| frame.lines.as_deref());
         let collected = self.flow.definition.as_ref().map(|definition| &definition.lines);
         // If no line is stored, the line read last is still available.
-        let lines = frame.or(collected).unwrap_or(&self.flow.tape);
-        let last = (0..lines.len()).rev().filter_map(|place| lines.get(place));
+        let lines = frame.or(collected).unwrap_or(&self.flow.line_buffer);
+        let last = (0..lines.len()).rev().filter_map(|index| lines.get(index));
         if let Some((text, line)) = last.into_iter().find(|(text, _)| !text.is_empty()) {
             self.current.text.clear();
             self.current.text.extend_from_slice(text);
@@ -443,8 +449,8 @@ impl<R: BufRead> Interpreter<R> {
     }
 }
 
-fn unended(word: &OWord, outer: &str, begun: Option<u32>) -> Fault {
-    let of_line = begun.map_or_else(String::new, |line| {
+fn missing_endsub(word: &OWord, outer: &str, start_line: Option<u32>) -> Fault {
+    let of_line = start_line.map_or_else(String::new, |line| {
         format!(": O<{outer}> sub starts in line {line}")
     });
     let message = format!("O<{outer}> endsub is missing before this line{of_line}");
@@ -452,9 +458,9 @@ fn unended(word: &OWord, outer: &str, begun: Option<u32>) -> Fault {
     Fault::new(Code::OWordOpen, word.span, message).help(help)
 }
 
-fn nested(word: &OWord, outer: &str, begun: Option<u32>) -> Fault {
-    let of_line = begun.map_or_else(String::new, |line| format!(" of line {line}"));
-    order(
+fn nested(word: &OWord, outer: &str, start_line: Option<u32>) -> Fault {
+    let of_line = start_line.map_or_else(String::new, |line| format!(" of line {line}"));
+    order_fault(
         word,
         &format!("starts inside another subroutine, O<{outer}> sub{of_line}"),
     )
