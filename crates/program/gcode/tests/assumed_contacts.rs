@@ -90,6 +90,13 @@ fn an_abort_on_an_assumed_result_is_a_warning() {
 }
 
 #[test]
+fn the_result_of_an_input_depends_on_no_contact() {
+    let test = "G10 L20 P1 Z0\nM66 P0 L3 Q0.1\no1 if [#5399 LT 0]\n(ABORT, no input)\no1 endif\n";
+    let (errors, _) = found(&format!("{PROBE}{test}M2\n"));
+    assert_eq!(errors, [(Code::ActiveComment, 7)]);
+}
+
+#[test]
 fn an_end_on_an_assumed_result_is_a_warning() {
     let both = [
         "o1 if [#5070 EQ 1]\nM2\no1 endif\n",

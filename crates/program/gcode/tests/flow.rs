@@ -181,6 +181,32 @@ fn subroutine_folders_are_searched_in_order() {
     std::fs::remove_dir_all(folder).unwrap();
 }
 
+/// Lines count towards the limit once, however many subroutines a file has.
+#[test]
+fn a_library_counts_once_for_all_its_subroutines() {
+    let folder = std::env::temp_dir().join(format!("evolvent-library-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let subs: String = (0..100)
+        .map(|k| format!("O<s{k}> sub\nG0 X{k}\nO<s{k}> endsub\n"))
+        .collect();
+    std::fs::write(folder.join("s7.ngc"), &subs).unwrap();
+    std::fs::write(
+        folder.join("other.ngc"),
+        "O<other> sub\nG0 X200\nO<other> endsub\n",
+    )
+    .unwrap();
+    let mut settings = Settings {
+        subroutine_folders: vec![folder.clone()],
+        ..Settings::default()
+    };
+    settings.limits.max_body_bytes = 4 * subs.len();
+    assert_eq!(
+        ends("O<s7> call\nO<s99> call\nO<other> call", settings),
+        [7.0, 99.0, 200.0]
+    );
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
 #[test]
 fn break_and_continue_work_in_all_loops() {
     let all = Settings::default;

@@ -56,18 +56,20 @@ impl Diagnostic {
     /// commands but not words. `text` is the line as in the file.
     #[must_use]
     pub fn about_line(code: Code, line: u32, text: &[u8], letter: Option<char>, message: String) -> Self {
-        let code_end = text
-            .iter()
-            .position(|byte| matches!(byte, b'(' | b';'))
-            .unwrap_or(text.len());
         let is_letter =
-            |byte: &u8| letter.is_some_and(|letter| char::from(*byte).eq_ignore_ascii_case(&letter));
-        let start = text[..code_end].iter().position(is_letter);
+            |byte: u8| letter.is_some_and(|letter| char::from(byte).eq_ignore_ascii_case(&letter));
+        let mut in_comment = false;
+        let start = text.iter().take_while(|byte| **byte != b';').position(|&byte| {
+            in_comment = byte == b'(' || in_comment && byte != b')';
+            !in_comment && is_letter(byte)
+        });
         let span = match start {
             Some(start) => {
-                let is_end = |byte: &u8| byte.is_ascii_alphabetic() || byte.is_ascii_whitespace();
-                let length = text[start + 1..code_end].iter().position(is_end);
-                Span::new(start, length.map_or(code_end, |length| start + 1 + length))
+                let is_end = |byte: &u8| {
+                    byte.is_ascii_alphabetic() || byte.is_ascii_whitespace() || matches!(byte, b'(' | b';')
+                };
+                let length = text[start + 1..].iter().position(is_end);
+                Span::new(start, length.map_or(text.len(), |length| start + 1 + length))
             }
             None => Span::new(0, text.trim_ascii_end().len()),
         };
@@ -289,6 +291,24 @@ mod tests {
         let found = Fault::new(Code::UnexpectedCharacter, Span::at(position), "what").locate(3, text);
         assert_eq!((found.line, found.column, found.length), (3, 10, 1));
         assert_eq!(&found.source[found.span], "?");
+    }
+
+    #[test]
+    fn a_line_is_marked_at_its_word_outside_comments() {
+        for (text, word) in [
+            ("(X) G1 X5(X6) Y3", "X5"),
+            ("g1 x 7 ; X", "x"),
+            ("G1 Y2 (X5) ; X", "G1 Y2 (X5) ; X"),
+        ] {
+            let about = Diagnostic::about_line(
+                Code::UnexpectedCharacter,
+                1,
+                text.as_bytes(),
+                Some('X'),
+                "what".to_owned(),
+            );
+            assert_eq!(&about.source[about.span], word, "{text}");
+        }
     }
 
     #[test]

@@ -13,7 +13,7 @@ use evolvent_path::AXES;
 use crate::Code;
 use crate::parameters::names::{NameId, NameKind};
 use crate::parameters::values::{
-    G92, HOME_G28, LOCAL_NUMBERED, POSITION, PROBE_TRIPPED, PROBED, TOOL_DIAMETER,
+    G92, HOME_G28, INPUT_RESULT, LOCAL_NUMBERED, POSITION, PROBE_TRIPPED, PROBED,
 };
 
 /// Parameters that depend on the result.
@@ -79,7 +79,7 @@ impl Assumption {
                 self.position[axis] || self.offset[axis]
             }
             HOME_G28..G92 if self.home => true,
-            G92..TOOL_DIAMETER => self.offset.contains(&true) || self.global.numbered.contains(&index),
+            G92..INPUT_RESULT => self.offset.contains(&true) || self.global.numbered.contains(&index),
             1..=LOCAL_NUMBERED => self.local.numbered.contains(&index),
             _ => self.global.numbered.contains(&index),
         };
@@ -109,7 +109,7 @@ impl Assumption {
             &mut self.global
         };
         set_dependent(&mut dependents.numbered, index, depends);
-        if depends && (G92..TOOL_DIAMETER).contains(&index) {
+        if depends && (G92..INPUT_RESULT).contains(&index) {
             // Offsets that a program sets without G10.
             self.offset = [true; AXES];
         }

@@ -105,7 +105,11 @@ impl Library {
 
     /// Stores a subroutine, replacing one with the same name.
     pub(crate) fn insert(&mut self, name: NameId, subroutine: Subroutine) {
-        self.size += subroutine.lines.size();
+        // The subroutines of one file share its lines.
+        let is_stored = (self.known.values()).any(|known| Shared::ptr_eq(&known.lines, &subroutine.lines));
+        if !is_stored {
+            self.size += subroutine.lines.size();
+        }
         if let Some(old) = self.known.insert(name, subroutine)
             && Shared::strong_count(&old.lines) == 1
         {

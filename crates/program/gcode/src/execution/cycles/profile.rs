@@ -34,6 +34,8 @@ pub(crate) enum Piece {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ProfileFault {
     Empty,
+    /// It has more than 100 000 pieces.
+    TooLong,
     /// It reverses along the direction of the passes.
     NotMonotonic,
     /// The allowance leaves nothing of it.

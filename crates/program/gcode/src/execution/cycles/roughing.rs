@@ -160,6 +160,10 @@ impl Executor<'_> {
                     "has no moves",
                     "the subroutine must contain G0, G1, G2 and G3 in X and Z",
                 ),
+                ProfileFault::TooLong => (
+                    "has more than 100 000 moves",
+                    "write its curves with G2 and G3, or with fewer points",
+                ),
                 ProfileFault::NotMonotonic => (
                     "reverses",
                     "for G70 and G71 Z must be monotonic along the profile, for G72 X",
@@ -258,7 +262,7 @@ fn orient_profile(call: &RoughCall, profile: &[Piece]) -> Result<(ProfileFrame, 
         return Err(ProfileFault::Empty);
     };
     if profile.len() > MAX_MOVES {
-        return Err(ProfileFault::Empty);
+        return Err(ProfileFault::TooLong);
     }
     let mut frame = ProfileFrame {
         facing: call.rough.facing,
