@@ -54,6 +54,7 @@ fn the_simulated_bridge_does_what_every_bridge_must() {
 }
 
 /// The simulated bridge with this option passes this case.
+#[expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 fn sim_passes(case: &str, option: &str) {
     let program = evolvent().get_program().to_string_lossy().into_owned();
     let command = format!("bridge sim --machine-name {{name}} --bus-prefix {{prefix}} {option}");

@@ -49,12 +49,12 @@ struct ProfileFrame {
 }
 
 impl ProfileFrame {
-    fn to_uw(&self, zx: Point) -> Point {
+    fn to_uw(self, zx: Point) -> Point {
         let [u, w] = if self.facing { [zx[1], zx[0]] } else { zx };
         [self.signs[0] * u, self.signs[1] * w]
     }
 
-    fn to_zx(&self, uw: Point) -> Point {
+    fn to_zx(self, uw: Point) -> Point {
         let [u, w] = [self.signs[0] * uw[0], self.signs[1] * uw[1]];
         if self.facing { [w, u] } else { [u, w] }
     }
