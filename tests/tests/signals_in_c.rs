@@ -97,6 +97,27 @@ fn a_c_client_reads_outputs_and_sends_inputs() {
         assert_eq!(value(&all, "inputs", "lamp-burns"), 1.0, "{all}");
         assert_eq!(value(&all, "inputs", "light"), 4.5, "{all}");
         assert_eq!(value(&all, "outputs", "laser"), 4.5, "{all}");
+        let output = evolvent()
+            .args([
+                "top",
+                "signals-c",
+                "--bus-prefix",
+                &domain.prefix,
+                "--once",
+                "--machine",
+            ])
+            .arg(&machine)
+            .output();
+        let shown = Finished::from(output.expect("the binary to start"))
+            .expect_code(&[0])
+            .out;
+        let line = |heading: &str| shown.lines().find(|line| line.starts_with(heading));
+        assert_eq!(
+            line("inputs"),
+            Some("inputs   lamp-burns on   door unknown   light 4.5"),
+            "{shown}"
+        );
+        assert_eq!(line("outputs"), Some("outputs   lamp on   laser 4.5"), "{shown}");
         // No client reports this one.
         assert_eq!(value(&all, "inputs", "door"), json!(null), "{all}");
         drop(client);

@@ -10,9 +10,9 @@ use evolvent_bus::{
 };
 use evolvent_machine::{MAX_SPINDLES, Machine, SignalKind, SignalSettings};
 use evolvent_path::{AxisLetter, AxisMask};
-use evolvent_runtime::{MonotonicClock, objection_to_inputs};
 use serde_json::{Value, json};
 
+use crate::signal_watch::SignalWatch;
 use crate::{CommandError, Ending};
 
 /// Duration for which messages are collected. A bridge sends several times per input timeout, 100 ms by
@@ -76,7 +76,7 @@ impl Switches {
 
 /// The received messages.
 #[derive(Clone, Debug, Default)]
-struct Periphery {
+pub(crate) struct Periphery {
     inputs: Vec<Signal>,
     outputs: Vec<Signal>,
     spindles: Vec<Spindle>,
@@ -86,7 +86,7 @@ struct Periphery {
     /// `None` if no bridge sends feedback.
     switches: Option<Switches>,
     /// Why the core discards messages of inputs, so that their values are unknown.
-    discarded: Vec<String>,
+    pub(crate) discarded: Vec<String>,
 }
 
 /// Prints inputs, outputs, switches and spindles. `machine` is the machine file, which contains the names.
@@ -105,18 +105,7 @@ pub(crate) fn run(
         ),
         None => None,
     };
-    let Signals {
-        outputs,
-        inputs,
-        feedback,
-        status,
-    } = listen(bus, settings.as_ref()).map_err(|error| failed(&error))?;
-    let (inputs, discarded) = accepted(settings.as_ref(), inputs, MonotonicClock::now_ns());
-    let periphery = Periphery {
-        discarded,
-        switches: Switches::of(&feedback),
-        ..Periphery::of(settings.as_ref(), outputs.as_ref(), &inputs, status.as_ref())
-    };
+    let periphery = listen(bus, settings).map_err(|error| failed(&error))?;
     let written = if json {
         writeln!(out, "{}", periphery.to_json())
     } else {
@@ -126,77 +115,30 @@ pub(crate) fn run(
     Ok(Ending::Clean)
 }
 
-/// The present outputs and status, and the newest message of each bridge that is not too old.
-struct Signals {
-    outputs: Option<MachineOutputs>,
-    inputs: Vec<MachineInputs>,
-    feedback: Vec<Feedback>,
-    status: Option<Status>,
-}
-
 /// Collects messages for [`LISTENING`].
-fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Signals, Box<dyn std::error::Error>> {
-    let (mut outputs, mut inputs, mut status) = (bus.outputs()?, bus.inputs()?, bus.status()?);
-    let mut reports = bus.feedback()?;
-    let mut last = None;
-    let (mut bridges, mut feedback) = (Vec::<MachineInputs>::new(), Vec::<Feedback>::new());
+fn listen(
+    bus: &ClientBus,
+    settings: Option<SignalSettings>,
+) -> Result<Periphery, Box<dyn std::error::Error>> {
+    let (mut signals, mut status) = (SignalWatch::open(bus, settings)?, bus.status()?);
+    let (mut reports, mut feedback) = (bus.feedback()?, Vec::<Feedback>::new());
     let begin = Instant::now();
     while begin.elapsed() < LISTENING {
-        while let Some(message) = outputs.receive()? {
-            last = Some(message);
-        }
-        while let Some(message) = inputs.receive()? {
-            bridges.retain(|known| known.instance != message.instance);
-            bridges.push(message);
-        }
+        signals.poll()?;
         while let Some(message) = reports.receive()? {
             feedback.retain(|known| known.instance != message.instance);
             feedback.push(message);
         }
         std::thread::sleep(POLL);
     }
-    let now_ns = MonotonicClock::now_ns();
-    let max_age_s = settings.map_or(LISTENING.as_secs_f64(), |settings| settings.input_timeout_s);
-    bridges.retain(|message| now_ns.saturating_sub(message.time_ns) as f64 * 1e-9 <= max_age_s);
-    Ok(Signals {
-        outputs: last,
-        inputs: bridges,
-        feedback,
-        status: status.latest()?,
+    Ok(Periphery {
+        switches: Switches::of(&feedback),
+        ..signals.periphery(status.latest()?.as_ref())
     })
 }
 
-/// The messages that the core uses, and the reasons why it discards the others. The inputs are known only
-/// with the machine file.
-fn accepted(
-    settings: Option<&SignalSettings>,
-    messages: Vec<MachineInputs>,
-    now_ns: u64,
-) -> (Vec<MachineInputs>, Vec<String>) {
-    let mut discarded = Vec::new();
-    let objection = |message: &MachineInputs| {
-        // Their age includes the time of collecting, and `listen` has already checked it.
-        let fresh = MachineInputs {
-            time_ns: now_ns,
-            ..*message
-        };
-        settings.and_then(|settings| objection_to_inputs(settings, &fresh, now_ns))
-    };
-    let used = messages
-        .into_iter()
-        .filter(|message| match objection(message) {
-            Some(text) => {
-                discarded.push(text);
-                false
-            }
-            None => true,
-        })
-        .collect();
-    (used, discarded)
-}
-
 impl Periphery {
-    fn of(
+    pub(crate) fn of(
         settings: Option<&SignalSettings>,
         outputs: Option<&MachineOutputs>,
         bridges: &[MachineInputs],
@@ -247,7 +189,7 @@ impl Periphery {
         found
     }
 
-    fn to_json(&self) -> Value {
+    pub(crate) fn to_json(&self) -> Value {
         let list = |signals: &[Signal]| -> Vec<Value> {
             let each = signals.iter().map(|signal| {
                 json!({
@@ -281,6 +223,30 @@ impl Periphery {
             }),
             "discarded": self.discarded,
         })
+    }
+
+    /// Inputs and outputs, each kind in lines of at most 100 characters; nothing if there are none.
+    pub(crate) fn lines(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        for (heading, signals) in [("inputs", &self.inputs), ("outputs", &self.outputs)] {
+            let mut line = heading.to_owned();
+            for signal in signals {
+                let name = match signal.name.as_str() {
+                    "" => format!("{} {}", signal.kind.name(), signal.number),
+                    name => name.to_owned(),
+                };
+                let item = format!("{name} {}", shown(signal));
+                if line.len() + item.len() > 97 {
+                    lines.push(std::mem::replace(&mut line, " ".repeat(heading.len())));
+                }
+                line.push_str("   ");
+                line.push_str(&item);
+            }
+            if !signals.is_empty() {
+                lines.push(line);
+            }
+        }
+        lines
     }
 
     fn write(&self, out: &mut dyn Write) -> io::Result<()> {
@@ -394,6 +360,7 @@ fn word(list: &[(&str, u32)], number: u32) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::signal_watch::accepted;
 
     const SIGNALS: &str = "
 [[input]]
@@ -498,10 +465,10 @@ number = 63
             digital_mask: 1 << 3 | 1 << 5,
             ..good
         };
-        let (used, discarded) = accepted(Some(&settings), vec![good, bad], 1_000);
+        let (used, discarded) = accepted(Some(&settings), &[good, bad], 1_000);
         assert_eq!((used.len(), discarded.len()), (1, 1));
         assert!(discarded[0].contains("no digital input 5"), "{discarded:?}");
-        assert_eq!(accepted(None, vec![bad], 1_000).0.len(), 1);
+        assert_eq!(accepted(None, &[bad], 1_000).0.len(), 1);
     }
 
     #[test]

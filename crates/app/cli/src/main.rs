@@ -29,6 +29,7 @@ mod run;
 mod screen;
 mod screen_args;
 mod serve;
+mod signal_watch;
 mod signals;
 mod terminal;
 mod top;

@@ -1,8 +1,9 @@
-//! `evolvent top`: a running machine on a terminal, from its status service only.
+//! `evolvent top`: a running machine on a terminal, from its status, inputs and outputs on the bus.
 
 use evolvent_path::AxisMask;
 use std::fmt::Write as _;
 use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -10,11 +11,14 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use evolvent_bus::{BusError, ClientBus, ClientConfig, STATES, Status, StatusReader, switches};
+use evolvent_machine::{Machine, SignalSettings};
 use serde_json::json;
 
+use crate::ctl_io::Periphery;
 use crate::ctl_status::{
     is_diameter, is_tool_unknown, probe_state, spindle_words, spindles, uncounted_override,
 };
+use crate::signal_watch::SignalWatch;
 use crate::terminal::Terminal;
 use crate::{CommandError, Ending};
 
@@ -22,6 +26,8 @@ use crate::{CommandError, Ending};
 const STALE: Duration = Duration::from_millis(500);
 /// Maximum wait of a single snapshot for a core and its status.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// Time in which a snapshot receives inputs and outputs.
+const LISTENING: Duration = Duration::from_millis(300);
 /// Duration of one search for a core in full-screen mode, between two checks of the keys.
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(300);
 /// Colours; they end with the letter m, and no part of them is visible.
@@ -38,6 +44,9 @@ pub(crate) struct TopArgs {
     /// Prefix of the bus's files.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
+    /// Machine file: names of inputs and outputs.
+    #[arg(long, value_name = "FILE")]
+    machine: Option<PathBuf>,
     /// Time between two updates, in ms.
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u64).range(20..=10_000))]
     every: u64,
@@ -50,8 +59,16 @@ pub(crate) struct TopArgs {
 }
 
 pub(crate) fn run(args: &TopArgs, out: &mut dyn Write) -> Result<Ending, CommandError> {
+    let settings = match &args.machine {
+        Some(file) => Some(
+            Machine::load(file)
+                .map_err(|error| CommandError::Usage(error.to_string()))?
+                .signals,
+        ),
+        None => None,
+    };
     if args.once || args.json || !io::stdout().is_terminal() {
-        return snapshot(args, out);
+        return snapshot(args, settings.as_ref(), out);
     }
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
@@ -59,7 +76,7 @@ pub(crate) fn run(args: &TopArgs, out: &mut dyn Write) -> Result<Ending, Command
             .map_err(|error| CommandError::Failed(format!("signals cannot be watched: {error}")))?;
     }
     let mut terminal = Terminal::take(out).map_err(write_error)?;
-    watch(args, &mut terminal, &stop)?;
+    watch(args, settings.as_ref(), &mut terminal, &stop)?;
     Ok(Ending::Clean)
 }
 
@@ -68,21 +85,39 @@ fn write_error(error: io::Error) -> CommandError {
     CommandError::Failed(format!("the screen cannot be written: {error}"))
 }
 
-fn open(args: &TopArgs, wait: Duration) -> Result<(ClientBus, StatusReader), BusError> {
+/// A connection to the core.
+struct Client {
+    bus: ClientBus,
+    status: StatusReader,
+    signals: SignalWatch,
+}
+
+fn open(args: &TopArgs, settings: Option<&SignalSettings>, wait: Duration) -> Result<Client, BusError> {
     let mut config = ClientConfig::new(&args.machine_name);
     config.prefix.clone_from(&args.bus_prefix);
     config.wait = wait;
     let bus = ClientBus::open(&config)?;
-    let status = bus.status()?;
-    Ok((bus, status))
+    Ok(Client {
+        status: bus.status()?,
+        signals: SignalWatch::open(&bus, settings.cloned())?,
+        bus,
+    })
 }
 
-fn snapshot(args: &TopArgs, out: &mut dyn Write) -> Result<Ending, CommandError> {
+fn snapshot(
+    args: &TopArgs,
+    settings: Option<&SignalSettings>,
+    out: &mut dyn Write,
+) -> Result<Ending, CommandError> {
     let failed = |error: &dyn std::fmt::Display| CommandError::Failed(error.to_string());
-    let (bus, mut reader) = open(args, PATIENCE).map_err(|error| failed(&error))?;
+    let mut client = open(args, settings, PATIENCE).map_err(|error| failed(&error))?;
+    if settings.is_some() {
+        // A bridge sends several times in this time.
+        thread::sleep(LISTENING);
+    }
     let end = Instant::now() + PATIENCE;
     let status = loop {
-        if let Some(status) = reader.latest().map_err(|error| failed(&error))? {
+        if let Some(status) = client.status.latest().map_err(|error| failed(&error))? {
             break status;
         }
         if Instant::now() >= end {
@@ -95,23 +130,35 @@ fn snapshot(args: &TopArgs, out: &mut dyn Write) -> Result<Ending, CommandError>
         }
         thread::sleep(Duration::from_millis(5));
     };
+    let axes = client.bus.axes();
+    client.signals.poll().map_err(|error| failed(&error))?;
+    let periphery = client.signals.periphery(Some(&status));
     let written = if args.json {
-        writeln!(out, "{}", to_json(&args.machine_name, &status, bus.axes()))
+        let mut object = to_json(&args.machine_name, &status, axes);
+        if settings.is_some() {
+            object["signals"] = periphery.to_json();
+        }
+        writeln!(out, "{object}")
     } else {
-        out.write_all(picture(&args.machine_name, &status, bus.axes(), None, false).as_bytes())
+        out.write_all(picture(&args.machine_name, &status, axes, &periphery, None, false).as_bytes())
     };
     written.map_err(write_error)?;
     Ok(Ending::Clean)
 }
 
 /// Draws until the user ends it. Waits for a core that has ended.
-fn watch(args: &TopArgs, terminal: &mut Terminal<'_>, stop: &AtomicBool) -> Result<(), CommandError> {
+fn watch(
+    args: &TopArgs,
+    settings: Option<&SignalSettings>,
+    terminal: &mut Terminal<'_>,
+    stop: &AtomicBool,
+) -> Result<(), CommandError> {
     let every = Duration::from_millis(args.every);
-    let mut client: Option<(ClientBus, StatusReader)> = None;
+    let mut client: Option<Client> = None;
     let mut newest: Option<(Status, Instant)> = None;
     while !stop.load(Ordering::Relaxed) && !terminal.wants_to_end() {
         if client.is_none() {
-            match open(args, CONNECT_TIMEOUT) {
+            match open(args, settings, CONNECT_TIMEOUT) {
                 Ok(opened) => client = Some(opened),
                 Err(error) => {
                     let text = format!("{}: {error}\n\nq ends\n", args.machine_name);
@@ -120,8 +167,8 @@ fn watch(args: &TopArgs, terminal: &mut Terminal<'_>, stop: &AtomicBool) -> Resu
             }
         }
         let mut lost = false;
-        if let Some((bus, reader)) = &mut client {
-            match reader.latest() {
+        if let Some(client) = &mut client {
+            match client.status.latest() {
                 Ok(Some(status)) => {
                     if newest
                         .as_ref()
@@ -133,12 +180,15 @@ fn watch(args: &TopArgs, terminal: &mut Terminal<'_>, stop: &AtomicBool) -> Resu
                 Ok(None) => {}
                 Err(_) => lost = true,
             }
+            lost |= client.signals.poll().is_err();
             if let Some((status, since)) = &newest {
                 let age = since.elapsed();
+                let periphery = client.signals.periphery(Some(status));
                 let text = picture(
                     &args.machine_name,
                     status,
-                    bus.axes(),
+                    client.bus.axes(),
+                    &periphery,
                     (age > STALE).then_some(age),
                     true,
                 );
@@ -176,7 +226,14 @@ fn state_name(state: u32) -> String {
 }
 
 /// The machine as text. `stale` is how old the snapshot is, if it is too old.
-fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, colours: bool) -> String {
+fn picture(
+    name: &str,
+    status: &Status,
+    axes: &str,
+    periphery: &Periphery,
+    stale: Option<Duration>,
+    colours: bool,
+) -> String {
     let mut picture = Picture {
         status,
         colours,
@@ -187,6 +244,9 @@ fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, col
     picture.program();
     picture.axes(axes);
     picture.motion();
+    for line in periphery.lines().iter().chain(&periphery.discarded) {
+        let _ = writeln!(picture.text, "{}", one_line(line));
+    }
     picture.core_loop();
     if colours {
         picture.text.push_str("\nq ends\n");
@@ -477,7 +537,14 @@ mod tests {
             switches::CHAIN_OPEN | switches::INPUT_WAIT | switches::PROBE_TRIPPED | switches::TOOL_UNKNOWN;
         status.push_alarm(200);
         status.set_alarm_text("the guard refused\x1b[2J a setpoint");
-        let text = picture("mill", &status, "XZ", Some(Duration::from_secs(3)), false);
+        let text = picture(
+            "mill",
+            &status,
+            "XZ",
+            &Periphery::default(),
+            Some(Duration::from_secs(3)),
+            false,
+        );
         for part in [
             "mill  machine on, automatic, running",
             "nothing for 3.0 s",
@@ -514,7 +581,7 @@ mod tests {
         alone.feedback_age_ns = u64::MAX;
         assert_eq!(to_json("mill", &alone, "XZ")["following_error"], json!(null));
         let line = |status| {
-            let text = picture("mill", &status, "XZ", None, false);
+            let text = picture("mill", &status, "XZ", &Periphery::default(), None, false);
             text.lines().find(|line| line.starts_with('Z')).map(str::to_owned)
         };
         assert!(
