@@ -250,6 +250,11 @@ fn impossible_threads_are_rejected_before_motion() {
         "G21 G18 G90 G8\nS300 M3\nG0 X15 Z5\nG33 Z-200 K1.5\nM2\n",
         &["program.ngc:4", "Z", "-100"],
     );
+    // The reversal at 8.33 turns/s: 5 ms, and 2 % of a braking distance of 1.04 turns.
+    refused(
+        "G21 G18 G90 G8\nS500 M3\nG0 X0 Z5\nG33.1 Z-99.95 K1\nM2\n",
+        &["program.ngc:4", "0.062 mm of Z beyond the depth", "only 0.050 mm"],
+    );
     let program = workshop.write("program.ngc", "G21 G18 G90\nS300 M3\nG33 Z-2 K1\nM2\n");
     let plain = workshop.lathe("plain", &SPINDLE.replace("feedback = true\n", ""));
     let run = Launch::in_virtual_time(&program, &plain).finish();

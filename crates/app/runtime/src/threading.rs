@@ -268,6 +268,22 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
             "begin farther away from the thread, end farther after it, or turn the spindle more slowly"
                 .to_owned(),
         ),
+        ThreadObjection::NoOverrun {
+            axis,
+            needed_mm,
+            available_mm,
+        } => (
+            format!(
+                "at {:.0} rpm the spindle needs {needed_mm:.3} mm of {} beyond the depth to stop, but there are only \
+                 {:.3} mm to the travel limit",
+                rpm.abs(),
+                AxisLetter::letter_of(axis),
+                available_mm.max(0.0)
+            ),
+            "tap less deep or turn the spindle more slowly; acceleration_rpm_s at its [[spindle]] is the rate at \
+             which it brakes, and with it the tap stops at the depth"
+                .to_owned(),
+        ),
     }
 }
 
@@ -305,6 +321,13 @@ pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, Stri
         ),
         ThreadVerdict::NotTurnedBack => (
             "the spindle has not reversed at the depth; the axes have stopped in the hole".to_owned(),
+            "check the spindle's drive; acceleration_rpm_s at its [[spindle]] is the rate at which it brakes"
+                .to_owned(),
+        ),
+        ThreadVerdict::AtTravelEnd => (
+            "the spindle turned too far beyond the depth: the travel ends there, and the axes have stopped in the \
+             hole"
+                .to_owned(),
             "check the spindle's drive; acceleration_rpm_s at its [[spindle]] is the rate at which it brakes"
                 .to_owned(),
         ),

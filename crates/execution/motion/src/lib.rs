@@ -93,6 +93,8 @@ mod state;
 mod stopping_distance;
 mod takeover;
 mod thread_cam;
+mod thread_follower;
+mod thread_landing;
 mod thread_retreat;
 mod threading;
 mod transfer_executor;

@@ -14,7 +14,7 @@ const ACCELERATION_FRACTION: f64 = 0.8;
 /// Fraction of the jerk that the kernels use.
 const JERK_FRACTION: f64 = 0.6;
 /// Factor by which the spindle speed may increase during a pass.
-const SPEED_RESERVE: f64 = 1.05;
+pub(crate) const SPEED_RESERVE: f64 = 1.05;
 
 /// One straight piece of a thread.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,6 +49,15 @@ pub enum ThreadObjection {
         run_out_mm: f64,
         /// Length of the leg, mm.
         length_mm: f64,
+    },
+    /// A tap has too little travel beyond its depth for the spindle to stop.
+    NoOverrun {
+        /// Index of the axis.
+        axis: usize,
+        /// Distance that the axis needs beyond the depth, mm.
+        needed_mm: f64,
+        /// Distance from the depth to the end of its travel, mm.
+        available_mm: f64,
     },
 }
 
@@ -184,6 +193,31 @@ impl ThreadCam {
     /// Turns from the start of the thread to its end.
     pub(crate) fn turns(&self) -> f64 {
         self.legs.iter().map(|leg| leg.turns).sum()
+    }
+
+    /// Whether a spindle can turn this far beyond the end.
+    pub(crate) fn check_overrun(&self, turns: f64, limits: &Limits) -> Result<(), ThreadObjection> {
+        let Some(last) = self.legs.last() else {
+            return Ok(());
+        };
+        let from = self.legs.iter().rev().nth(1).map_or(self.start, |leg| leg.end);
+        let slope = (last.end - from) / last.turns;
+        for axis in 0..slope.len() {
+            let needed_mm = turns * slope[axis].abs();
+            let available_mm = if slope[axis] < 0.0 {
+                last.end[axis] - limits.travel_min[axis]
+            } else {
+                limits.travel_max[axis] - last.end[axis]
+            };
+            if limits.present[axis] && needed_mm > available_mm && needed_mm > 0.0 {
+                return Err(ThreadObjection::NoOverrun {
+                    axis,
+                    needed_mm,
+                    available_mm,
+                });
+            }
+        }
+        Ok(())
     }
 
     /// The turns at which the axes begin to stop, and at which they are at rest. Infinite if the spindle

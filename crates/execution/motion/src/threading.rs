@@ -13,13 +13,11 @@ use evolvent_signals::{AngleJet, SpindleInput, SpindleKnowledge};
 use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
 use crate::setpoint::{Inputs, Setpoint};
-use crate::thread_cam::{ThreadCam, ThreadLeg, ThreadObjection};
+use crate::thread_cam::{SPEED_RESERVE, ThreadCam, ThreadLeg, ThreadObjection};
+use crate::thread_follower::ThreadFollower;
+use crate::thread_landing::Landing;
 use crate::thread_retreat::ThreadRetreat;
 
-/// Rate at which the follower corrects a position error, 1/s: three equal poles. At most [`FOLLOW_FRACTION`]
-/// of the control rate.
-const FOLLOW_RATE: f64 = 120.0;
-const FOLLOW_FRACTION: f64 = 0.3;
 /// Fraction of acceleration and jerk that following one harmonic of the turn may use. A larger part of it is
 /// not followed.
 const RIPPLE_FRACTION: f64 = 0.3;
@@ -41,15 +39,17 @@ const RUNAWAY_RATIO: f64 = 1.5;
 /// plus its turns in this number of seconds if its braking rate is unknown.
 const OVERRUN_TURNS: f64 = 2.0;
 const OVERRUN_S: f64 = 0.5;
+/// Time in which a spindle is expected to stop from its speed if its braking rate is unknown, s: that of the
+/// virtual clock. What a tap needs beyond its depth follows from it.
+const EXPECTED_STOP_S: f64 = 0.25;
+/// Maximum delay expected between the setpoint of a reversal and the spindle, s.
+const REVERSAL_DELAY_S: f64 = 0.005;
+/// Expected deviation of the braking distance, as a fraction: twice that of the speed.
+const BRAKING_TOLERANCE: f64 = 0.02;
 /// Maximum time until the angle of the spindle is reported and known before a pass, s.
 const KNOWLEDGE_TIMEOUT_S: f64 = 10.0;
 /// Minimum turns before the run-in begins: the pass does not start at an angle that has just passed.
 const HEAD_START_TURNS: f64 = 0.02;
-/// Minimum duration of the final correction, s: it removes the remaining error of the follower without a
-/// step.
-const LANDING_S: f64 = 0.03;
-/// Minimum number of setpoints of the final correction.
-const LANDING_STEPS: f64 = 12.0;
 
 /// A spindle that turns back at the end of the thread: rigid tapping.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,6 +60,24 @@ pub struct TapReturn {
     /// and the tap stops at the depth. Otherwise it is reversed at the depth, and the tap overruns by the
     /// distance that the spindle needs.
     pub braking: Option<f64>,
+}
+
+impl TapReturn {
+    /// Turns before the depth at which the spindle is reversed at this speed, turns/s.
+    fn braking_turns(&self, turns_per_s: f64) -> f64 {
+        self.braking
+            .map_or(0.0, |rate| turns_per_s * turns_per_s / (2.0 * rate))
+    }
+
+    /// Turns beyond the depth that the spindle is expected to need at this speed, turns/s.
+    fn overrun_turns(&self, turns_per_s: f64) -> f64 {
+        let stopping = if self.braking.is_some() {
+            0.0
+        } else {
+            0.5 * EXPECTED_STOP_S * turns_per_s
+        };
+        stopping + REVERSAL_DELAY_S * turns_per_s + BRAKING_TOLERANCE * self.braking_turns(turns_per_s)
+    }
 }
 
 /// A pass as programmed.
@@ -90,6 +108,9 @@ impl ThreadPass {
         let mut cam = ThreadCam::new(self.start, self.legs.clone(), self.tap.is_some());
         let out = self.tap.map_or(0.0, |tap| tap.turns_per_s);
         cam.shape(self.turns_per_s.abs().max(out), limits, period_s)?;
+        if let Some(tap) = self.tap {
+            cam.check_overrun(tap.overrun_turns(self.turns_per_s.abs()), limits)?;
+        }
         let first = self
             .legs
             .first()
@@ -115,6 +136,8 @@ pub enum ThreadVerdict {
     OutOfPhase,
     /// The spindle has not turned back at the depth of a tap: the axes have stopped.
     NotTurnedBack,
+    /// The spindle has turned so far beyond the depth of a tap that the travel ends: the axes have stopped.
+    AtTravelEnd,
 }
 
 /// The result of a pass.
@@ -131,7 +154,6 @@ pub struct ThreadResult {
 }
 
 #[derive(Clone, Copy, Debug)]
-#[expect(clippy::large_enum_variant, reason = "a box would be allocated in the cycle")]
 enum Phase {
     /// At rest before the pass, for this many seconds.
     Waiting(f64),
@@ -146,79 +168,13 @@ enum Phase {
     Over(ThreadVerdict),
 }
 
-/// Quintic polynomials from a state nearly at rest to rest.
-#[derive(Clone, Copy, Debug)]
-struct Landing {
-    end: Axes,
-    coefficients: [[f64; 3]; AXES],
-    duration: f64,
-    time: f64,
-}
-
-impl Landing {
-    fn new(from: &Jet, end: Axes, limits: &Limits, period_s: f64) -> Self {
-        let mut duration = LANDING_S.max(LANDING_STEPS * period_s);
-        for axis in 0..AXES {
-            let (e, v) = ((from.position[axis] - end[axis]).abs(), from.first[axis].abs());
-            let (limit_a, limit_j) = (limits.acceleration[axis], limits.jerk[axis]);
-            if limits.present[axis] {
-                // A third of each limit for each of distance, speed and acceleration: the extremes of the
-                // polynomial are 60, 36 and 9 for jerk, and 5.8, 4 and 1 for acceleration.
-                duration = duration
-                    .max(libm::cbrt(180.0 * e / limit_j))
-                    .max((108.0 * v / limit_j).sqrt())
-                    .max(27.0 * from.second[axis].abs() / limit_j)
-                    .max((18.0 * e / limit_a).sqrt())
-                    .max(12.0 * v / limit_a);
-            }
-        }
-        let mut coefficients = [[0.0; 3]; AXES];
-        for (axis, of) in coefficients.iter_mut().enumerate() {
-            // As a function of the remaining time tau: e = c3 tau^3 + c4 tau^4 + c5 tau^5 is at rest at tau =
-            // 0.
-            let (t, e) = (duration, from.position[axis] - end[axis]);
-            let (v, a) = (from.first[axis], from.second[axis]);
-            *of = [
-                (10.0 * e + 4.0 * v * t + 0.5 * a * t * t) / (t * t * t),
-                (-15.0 * e - 7.0 * v * t - a * t * t) / (t * t * t * t),
-                (6.0 * e + 3.0 * v * t + 0.5 * a * t * t) / (t * t * t * t * t),
-            ];
-        }
-        Self {
-            end,
-            coefficients,
-            duration,
-            time: 0.0,
-        }
-    }
-
-    fn is_over(&self) -> bool {
-        self.time >= self.duration
-    }
-
-    fn advance(&mut self, period_s: f64) -> Jet {
-        self.time += period_s;
-        let mut jet = Jet::at_rest(self.end);
-        if self.is_over() {
-            return jet;
-        }
-        let t = self.duration - self.time;
-        for (axis, [c3, c4, c5]) in self.coefficients.iter().enumerate() {
-            jet.position[axis] += t * t * t * (c3 + t * (c4 + t * c5));
-            jet.first[axis] = -t * t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5));
-            jet.second[axis] = t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5));
-            jet.third[axis] = -(6.0 * c3 + t * (24.0 * c4 + t * 60.0 * c5));
-        }
-        jet
-    }
-}
-
 /// A pass, driven setpoint by setpoint. It is built outside the cycle and passed in a box by a
 /// [`ThreadingSender`](crate::ThreadingSender), before the plan's
 /// [`Step::Thread`](evolvent_planner::Step::Thread), and returned with its result.
 #[derive(Clone, Debug)]
 pub struct Threading {
     cam: ThreadCam,
+    follower: ThreadFollower,
     limits: Limits,
     start_turns: f64,
     turns_per_s: f64,
@@ -261,6 +217,7 @@ impl Threading {
             clear_at,
         } = pass;
         Self {
+            follower: ThreadFollower::new(limits, &start, &legs),
             cam: ThreadCam::new(start, legs, tap.is_some()),
             limits: *limits,
             start_turns,
@@ -373,11 +330,21 @@ impl Threading {
             self.phase = Phase::Over(ThreadVerdict::Refused(objection));
             return;
         }
+        let overrun = self
+            .tap
+            .map_or(0.0, |tap| tap.overrun_turns(angle[1] / SPEED_RESERVE));
+        if let Err(objection) = self.cam.check_overrun(overrun, &self.limits) {
+            self.phase = Phase::Over(ThreadVerdict::Refused(objection));
+            return;
+        }
         self.choose_ripple(spindle);
         self.begun_at = angle[1];
         // The next turn whose run-in is still ahead.
         let head_start = HEAD_START_TURNS + 2.0 * angle[1] * period_s;
-        let begins = angle[0] + head_start + self.cam.run_in_turns() - self.start_turns;
+        // A tap shorter than the braking distance of its spindle also needs the rest of it.
+        let braking = self.tap.map_or(0.0, |tap| tap.braking_turns(angle[1]));
+        let lead = self.cam.run_in_turns().max(braking - self.cam.turns());
+        let begins = angle[0] + head_start + lead - self.start_turns;
         self.origin = Some(begins.ceil() + self.start_turns);
         self.phase = Phase::Following { turned: false };
     }
@@ -407,7 +374,7 @@ impl Threading {
         self.cam.reshape(angle[0], angle[1].abs(), &self.limits, period_s);
         let cam = self.cam.at(angle[0]);
         let want = cam.compose(angle[1], angle[2], third);
-        self.drive(&want, period_s);
+        self.now = self.follower.advance(&self.now, &want, period_s);
         let error = (self.now.position - want.position).abs().max();
         let run_in = self.cam.run_in_turns();
         if angle[0] > -run_in {
@@ -419,13 +386,18 @@ impl Threading {
         };
         let has_begun = angle[0] > -run_in;
         if error > PHASE_TOLERANCE_MM || ratio > RUNAWAY_RATIO {
-            self.give_up(ThreadVerdict::OutOfPhase);
+            let is_at_edge =
+                ratio <= RUNAWAY_RATIO && self.tap.is_some() && self.follower.leaves_travel(&want);
+            self.give_up(if is_at_edge {
+                ThreadVerdict::AtTravelEnd
+            } else {
+                ThreadVerdict::OutOfPhase
+            });
             return false;
         }
         if let Some(tap) = self.tap {
             let depth = self.cam.turns();
-            let braking = tap.braking.map_or(0.0, |rate| angle[1] * angle[1] / (2.0 * rate));
-            if !turned && angle[0] + braking >= depth {
+            if !turned && angle[0] + tap.braking_turns(angle[1]) >= depth {
                 self.phase = Phase::Following { turned: true };
                 return true;
             }
@@ -434,7 +406,7 @@ impl Threading {
                 self.give_up(ThreadVerdict::NotTurnedBack);
                 return false;
             }
-            if turned && angle[0] <= -run_in {
+            if turned && angle[1] < 0.0 && angle[0] <= -run_in {
                 self.land(self.cam.start(), period_s);
                 return true;
             }
@@ -474,42 +446,11 @@ impl Threading {
         }
     }
 
-    /// One period of the follower: a jerk for each axis.
-    fn drive(&mut self, want: &Jet, period_s: f64) {
-        let t = period_s;
-        let rate = FOLLOW_RATE.min(FOLLOW_FRACTION / t);
-        let before = self.now;
-        for axis in 0..AXES {
-            // The position one period ago on the same course.
-            let [x, v, a, j] = [
-                want.position[axis],
-                want.first[axis],
-                want.second[axis],
-                want.third[axis],
-            ];
-            let errors = [
-                x - t * v + 0.5 * t * t * a - t * t * t * j / 6.0 - before.position[axis],
-                v - t * a + 0.5 * t * t * j - before.first[axis],
-                a - t * j - before.second[axis],
-            ];
-            let (limit_a, limit_j) = (self.limits.acceleration[axis], self.limits.jerk[axis]);
-            let jerk = j + rate * (3.0 * errors[2] + rate * (3.0 * errors[1] + rate * errors[0]));
-            let max = ((limit_a - before.second[axis]) / t).min(limit_j);
-            let min = ((-limit_a - before.second[axis]) / t).max(-limit_j);
-            let jerk = if min <= max { jerk.clamp(min, max) } else { 0.0 };
-            self.now.third[axis] = jerk;
-            self.now.second[axis] = before.second[axis] + t * jerk;
-            self.now.first[axis] = before.first[axis] + t * (before.second[axis] + 0.5 * t * jerk);
-            self.now.position[axis] = before.position[axis]
-                + t * (before.first[axis] + t * (0.5 * before.second[axis] + t * jerk / 6.0));
-        }
-    }
-
     /// One period of the final correction or of stopping.
     fn come_to_rest(&mut self, period_s: f64) {
         match &mut self.phase {
             Phase::Landing(landing) => {
-                self.now = landing.advance(period_s);
+                self.now = landing.advance(&self.limits, period_s);
                 if landing.is_over() {
                     self.phase = Phase::Over(ThreadVerdict::Done);
                 }
@@ -525,7 +466,8 @@ impl Threading {
     }
 
     fn land(&mut self, end: Axes, period_s: f64) {
-        self.phase = Phase::Landing(Landing::new(&self.now, end, &self.limits, period_s));
+        let landing = Landing::new(&self.now, end, &self.limits, &self.follower, period_s);
+        self.phase = Phase::Landing(landing);
     }
 
     /// One period; `hold` and `stop` are those of the inputs.

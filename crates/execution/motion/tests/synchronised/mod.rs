@@ -4,6 +4,7 @@
 
 mod taps;
 mod threads;
+mod travel_ends;
 
 use std::f64::consts::TAU;
 
@@ -237,6 +238,13 @@ fn assert_within(all: &[Setpoint], machine: &Limits, period_ns: u64, what: &str)
     let noise = 64.0 * f64::EPSILON * 200.0;
     for axis in 0..AXES {
         let of = |k: usize| all[k].position[axis];
+        for k in 0..all.len() {
+            assert!(
+                of(k) >= machine.travel_min[axis] - 1e-6 && of(k) <= machine.travel_max[axis] + 1e-6,
+                "{what}: position {}, axis {axis}, cycle {k}",
+                of(k)
+            );
+        }
         for k in 3..all.len() {
             let first = (of(k) - of(k - 1)) / period;
             let second = (of(k) - 2.0 * of(k - 1) + of(k - 2)) / period.powi(2);

@@ -276,7 +276,9 @@ fn random_threads_keep_every_limit() {
                 );
             }
             Some(ThreadVerdict::Stalled | ThreadVerdict::OutOfPhase) => met[4] += 1,
-            Some(ThreadVerdict::NotTurnedBack) => unreachable!("{what}: no tap"),
+            Some(ThreadVerdict::NotTurnedBack | ThreadVerdict::AtTravelEnd) => {
+                unreachable!("{what}: no tap")
+            }
         }
     }
     println!("{met:?}, drawn out {drawn_out}");
