@@ -176,10 +176,10 @@ impl Periphery {
                     Spindle {
                         number,
                         direction: outputs.spindle_direction[at],
-                        // The field keeps the last speed while the spindle is stopped.
+                        // The field keeps the last speed while the spindle is stopped or oriented.
                         commanded_rpm: match outputs.spindle_direction[at] {
-                            0 => 0.0,
-                            _ => outputs.spindle_rpm[at],
+                            1 | 2 => outputs.spindle_rpm[at],
+                            _ => 0.0,
                         },
                         measured_rpm: reading.and_then(|reading| reading.measured_rpm),
                     }
@@ -422,6 +422,20 @@ number = 63
         let page = String::from_utf8(page).unwrap();
         // Including the switches, since there is no bridge.
         assert_eq!(page.matches("unknown").count(), 4, "{page}");
+    }
+
+    /// The message keeps the last speed, which an oriented spindle does not turn at.
+    #[test]
+    fn only_a_turning_spindle_has_a_commanded_speed() {
+        for (direction, expected) in [(0, 0.0), (1, 600.0), (2, 600.0), (3, 0.0)] {
+            let mut outputs = MachineOutputs {
+                spindle_mask: 1,
+                ..MachineOutputs::default()
+            };
+            (outputs.spindle_direction[0], outputs.spindle_rpm[0]) = (direction, 600.0);
+            let shown = Periphery::of(None, Some(&outputs), &[], None).to_json();
+            assert_eq!(shown["spindles"][0]["commanded_rpm"], expected, "{direction}");
+        }
     }
 
     #[test]

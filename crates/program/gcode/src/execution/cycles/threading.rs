@@ -96,7 +96,17 @@ impl Executor<'_> {
         let tapers = line.integer(b'L')?.unwrap_or(0);
         let start = self.state.machine_to_program(self.state.position);
         let end = self.state.machine_to_program(self.target()?)[2];
-        if taper < 0.0 || tapers > 3 || tapers != 0 && taper <= 0.0 || 2.0 * taper > (end - start[2]).abs() {
+        if tapers > 3 {
+            return out_of_range(b'L', "G76: L must be 0 to 3 (L1 entry, L2 exit, L3 both)");
+        }
+        if tapers != 0 && line.word(b'E').is_none() {
+            let message = "G76 with L needs E, the length of the tapers (L1 entry, L2 exit, L3 both)";
+            return Err(Fault::new(Code::WordMissing, line.span(b'L'), message));
+        }
+        if taper < 0.0 || tapers != 0 && taper == 0.0 {
+            return out_of_range(b'E', "G76: the length E of tapers must be above 0");
+        }
+        if 2.0 * taper > (end - start[2]).abs() {
             return out_of_range(
                 b'E',
                 "G76: the length E of tapers (L1 entry, L2 exit, L3 both) must be at most half of the thread",
