@@ -180,8 +180,12 @@ impl Setup {
     /// Limits along the path.
     #[must_use]
     pub fn path_limits(&self) -> PathLimits {
-        let chord_error_mm = self.machine.path.chord_error_increments / self.machine.increments_per_mm;
-        PathLimits::new(self.machine.limits(), self.rate_hz(), chord_error_mm)
+        PathLimits::new(self.machine.limits(), self.rate_hz(), self.chord_error_mm())
+    }
+
+    /// Permitted distance between the chord of two setpoints and the path, mm.
+    pub(crate) fn chord_error_mm(&self) -> f64 {
+        self.machine.path.chord_error_increments / self.machine.increments_per_mm
     }
 
     /// Rules for following the path, initially planned for this feed override.

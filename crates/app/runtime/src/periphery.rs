@@ -34,6 +34,9 @@ pub(crate) struct Orientation {
 pub(crate) struct SpindlePass {
     /// The spindle that it follows.
     pub spindle: u32,
+    /// The spindle reverses at its end. A tap that is stopped follows its spindle, which is ordered off, to
+    /// rest.
+    pub is_tap: bool,
     /// Its feed is that of its first piece at the commanded spindle speed; a tap ends at its bottom.
     pub motion: UnplannedMove,
 }
@@ -119,6 +122,16 @@ impl Periphery {
     /// The move that the cycle drives now without a plan.
     pub(crate) fn unplanned(&self) -> Option<UnplannedMove> {
         self.in_pass.map(|pass| pass.motion).or(self.in_probe)
+    }
+
+    /// Orders the spindle off that a tap follows, if one does: the axes of a tap that is stopped follow it to
+    /// rest.
+    pub(crate) fn stop_tap(&mut self) {
+        if let Some(pass) = self.in_pass.filter(|pass| pass.is_tap)
+            && let Some(output) = self.outputs.spindles.get_mut(pass.spindle as usize)
+        {
+            output.direction = SpindleDirection::Stopped;
+        }
     }
 
     /// Spindles and coolant off, no tool change pending: after a stop, a fault or an emergency stop.

@@ -103,6 +103,9 @@ impl PeripheryTrack {
                 program.ahead.pop_front();
             }
         }
+        if due.is_of_program && due.setpoint.state == MotionState::Stopping {
+            self.now.stop_tap();
+        }
         let is_stopped = due.is_of_program && due.setpoint.state == MotionState::Stopped;
         let is_over = is_stopped || due.setpoint.state == MotionState::Fault;
         if is_over || due.drive.power != PowerRequest::On {
@@ -122,6 +125,7 @@ mod tests {
 
     use super::*;
     use crate::due_setpoint::DriveRequest;
+    use crate::periphery::{SpindlePass, UnplannedMove};
 
     fn due(sequence: u64, job: u64, actions: u32, state: MotionState) -> DueSetpoint {
         let setpoint = Setpoint {
@@ -158,6 +162,40 @@ mod tests {
         Periphery {
             outputs,
             ..Periphery::default()
+        }
+    }
+
+    /// Coolant stays until the machine has stopped, and a spindle that no tap follows turns until then.
+    #[test]
+    fn a_stop_in_a_tap_orders_its_spindle_off_at_once() {
+        for (is_tap, expected_rpm) in [(true, 0.0), (false, 500.0)] {
+            let (orders, receiver) = mpsc::channel();
+            let mut track = PeripheryTrack::new(4, receiver);
+            let (program, planned) = mpsc::channel();
+            orders.send(PeripheryOrder::Program { job: 1, planned }).unwrap();
+            let mut in_pass = spindle(500.0);
+            in_pass.outputs.flood = true;
+            in_pass.in_pass = Some(SpindlePass {
+                spindle: 0,
+                is_tap,
+                motion: UnplannedMove {
+                    feed_mm_s: 8.0,
+                    end: Axes::zeros(),
+                },
+            });
+            program.send((0, in_pass)).unwrap();
+            track.follow(&due(1, 1, 1, MotionState::Running));
+            assert_eq!(track.now().outputs.spindle(0).constant_rpm(), 500.0);
+            track.follow(&due(2, 1, 1, MotionState::Stopping));
+            let stopping = track.now();
+            assert_eq!(
+                stopping.outputs.spindle(0).constant_rpm(),
+                expected_rpm,
+                "{is_tap}"
+            );
+            assert!(stopping.outputs.flood && stopping.in_pass.is_some());
+            track.follow(&due(3, 1, 1, MotionState::Stopped));
+            assert_eq!(track.now().outputs.spindle(0).constant_rpm(), 0.0);
         }
     }
 

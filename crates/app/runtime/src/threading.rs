@@ -107,13 +107,15 @@ impl ThreadChain {
     }
 
     /// The pass at a spindle speed, rpm, negative counter-clockwise.
-    fn pass(&self, rpm: f64, spindle: &SpindleSettings) -> ThreadPass {
+    fn pass(&self, rpm: f64, spindle: &SpindleSettings, setup: &Setup) -> ThreadPass {
         let turns_per_s = rpm / 60.0;
         ThreadPass {
             start: self.start,
             legs: self.legs.clone().into(),
             start_turns: self.start_degrees / 360.0,
             turns_per_s,
+            chord_error_mm: setup.chord_error_mm(),
+            max_angle_age_s: setup.machine.drives.feedback_timeout_s,
             clear_at: self.clear_x.map(|x| (AxisLetter::X.index(), x)),
             tap: self.return_factor.map(|factor| TapReturn {
                 turns_per_s: factor * turns_per_s.abs(),
@@ -173,7 +175,7 @@ impl ThreadChain {
             };
             validator.validate(&motion).map_err(ThreadRefusal::Travel)?;
         }
-        let pass = self.pass(rpm, spindle);
+        let pass = self.pass(rpm, spindle, setup);
         match pass.check(&limits, setup.period_ns as f64 * 1e-9) {
             Ok(run_in_mm) => Ok((pass, run_in_mm)),
             Err(objection) => {

@@ -13,6 +13,8 @@ use evolvent_path::{Axes, Jet};
 const ACCELERATION_FRACTION: f64 = 0.8;
 /// Fraction of the jerk that the kernels use.
 const JERK_FRACTION: f64 = 0.6;
+/// Fraction of the permitted chord error that corners use; the rest is for an uneven spindle.
+const CHORD_FRACTION: f64 = 0.8;
 /// Factor by which the spindle speed may increase during a pass.
 pub(crate) const SPEED_RESERVE: f64 = 1.05;
 
@@ -69,6 +71,9 @@ struct Corner {
     change: Axes,
     /// Widths of the two boxes whose convolution is the kernel, turns; the first is the wider one.
     widths: (f64, f64),
+    /// Maximum acceleration across the path, mm/s2: infinite at the ends of the thread, where the path is
+    /// straight.
+    max_across: f64,
     /// Maximum spindle speed for which it is wide enough, turns/s.
     shaped_for: f64,
 }
@@ -87,18 +92,21 @@ pub(crate) struct ThreadCam {
     corners: Box<[Corner]>,
     /// The spindle does not pass the end: it turns back there.
     is_tap: bool,
+    /// Permitted distance between the chord of two setpoints and the path, mm.
+    chord_error_mm: f64,
 }
 
 impl ThreadCam {
     /// A cam without rounded corners. Allocates; the other methods do not. `is_tap`: the last leg has no end,
     /// since the spindle turns back.
-    pub(crate) fn new(start: Axes, legs: Box<[ThreadLeg]>, is_tap: bool) -> Self {
+    pub(crate) fn new(start: Axes, legs: Box<[ThreadLeg]>, is_tap: bool, chord_error_mm: f64) -> Self {
         let corners = vec![Corner::default(); legs.len() + usize::from(!is_tap)];
         Self {
             start,
             legs,
             corners: corners.into(),
             is_tap,
+            chord_error_mm,
         }
     }
 
@@ -112,6 +120,9 @@ impl ThreadCam {
         let speed = SPEED_RESERVE * turns_per_s;
         let mut from = self.start;
         let (mut at, mut slope) = (0.0, Axes::zeros());
+        // Between three setpoints the path deviates from the chord by an eighth of the second difference.
+        let mut max_across = f64::INFINITY;
+        let of_corners = CHORD_FRACTION * 8.0 * self.chord_error_mm / (period_s * period_s);
         for (corner, leg) in self.corners.iter_mut().zip(&self.legs) {
             let next = (leg.end - from) / leg.turns;
             for axis in 0..next.len() {
@@ -127,9 +138,11 @@ impl ThreadCam {
             *corner = Corner {
                 at,
                 change: next - slope,
-                widths: widths(&(next - slope), speed, limits, period_s),
+                widths: widths(&(next - slope), speed, limits, max_across, period_s),
+                max_across,
                 shaped_for: speed,
             };
+            max_across = of_corners;
             (from, at, slope) = (leg.end, at + leg.turns, next);
         }
         if !self.is_tap
@@ -138,7 +151,8 @@ impl ThreadCam {
             *last = Corner {
                 at,
                 change: -slope,
-                widths: widths(&slope, speed, limits, period_s),
+                widths: widths(&slope, speed, limits, f64::INFINITY, period_s),
+                max_across: f64::INFINITY,
                 shaped_for: speed,
             };
         }
@@ -154,7 +168,7 @@ impl ThreadCam {
             }
             let speed = SPEED_RESERVE * turns_per_s;
             let wider = Corner {
-                widths: widths(&corner.change, speed, limits, period_s),
+                widths: widths(&corner.change, speed, limits, corner.max_across, period_s),
                 shaped_for: speed,
                 ..*corner
             };
@@ -276,9 +290,11 @@ impl ThreadCam {
     }
 }
 
-/// Widths of the boxes, turns, that keep every axis within its acceleration and jerk at this speed, turns/s.
-fn widths(change: &Axes, speed: f64, limits: &Limits, period_s: f64) -> (f64, f64) {
-    let (mut by_acceleration, mut by_jerk) = (0.0_f64, 0.0_f64);
+/// Widths of the boxes, turns, that keep every axis within its acceleration and jerk, and all together within
+/// an acceleration across the path, at this speed, turns/s.
+fn widths(change: &Axes, speed: f64, limits: &Limits, max_across: f64, period_s: f64) -> (f64, f64) {
+    let across = libm::hypot(libm::hypot(change[0], change[1]), change[2]);
+    let (mut by_acceleration, mut by_jerk) = (speed * across / max_across, 0.0_f64);
     for axis in 0..change.len() {
         if change[axis] != 0.0 {
             let step = speed * change[axis].abs();
@@ -346,7 +362,7 @@ mod tests {
     fn derivatives_match_the_position_and_both_ends() {
         // A taper in, the thread, a taper out.
         let legs = [leg(-1.0, -6.0, 4.0), leg(-1.0, -30.0, 16.0), leg(0.0, -36.0, 4.0)];
-        let mut cam = ThreadCam::new(Axes::zeros(), legs.into(), false);
+        let mut cam = ThreadCam::new(Axes::zeros(), legs.into(), false, 0.001);
         cam.shape(10.0, &limits(), 1e-3).unwrap();
         let step = 1e-5;
         for at in 0..30_000 {
@@ -371,7 +387,7 @@ mod tests {
         let limits = limits();
         for turns_per_s in [1.0, 10.0, 60.0] {
             let legs = [leg(0.0, -60.0, 40.0)];
-            let mut cam = ThreadCam::new(Axes::zeros(), legs.into(), false);
+            let mut cam = ThreadCam::new(Axes::zeros(), legs.into(), false, 0.001);
             cam.shape(turns_per_s, &limits, 1e-3).unwrap();
             for at in 0..50_000 {
                 let jet = cam.at(-4.0 + 1e-3 * f64::from(at));
@@ -386,7 +402,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_kept_is_told_with_its_numbers() {
-        let mut cam = ThreadCam::new(Axes::zeros(), [leg(0.0, -3.0, 1.5)].into(), false);
+        let mut cam = ThreadCam::new(Axes::zeros(), [leg(0.0, -3.0, 1.5)].into(), false, 0.001);
         let Err(ThreadObjection::TooShort {
             line,
             run_in_mm,
@@ -402,7 +418,7 @@ mod tests {
         let expected = 42.0 * (42.0_f64 / 30_000.0).sqrt();
         assert!((run_in_mm - expected).abs() < 1e-9, "{run_in_mm} {expected}");
         assert_eq!(run_in_mm, run_out_mm);
-        let mut cam = ThreadCam::new(Axes::zeros(), [leg(0.0, -400.0, 100.0)].into(), false);
+        let mut cam = ThreadCam::new(Axes::zeros(), [leg(0.0, -400.0, 100.0)].into(), false, 0.001);
         let objection = cam.shape(50.0, &limits(), 1e-3);
         assert!(matches!(objection, Err(ThreadObjection::TooFast { axis: 2, .. })));
     }

@@ -25,6 +25,9 @@ const RIPPLE_FRACTION: f64 = 0.3;
 const PHASE_TOLERANCE_MM: f64 = 0.1;
 /// Ratio of the spindle speed to that at the start of a pass below which the spindle counts as stalled.
 const STALL_RATIO: f64 = 0.2;
+/// The same ratio below which a spindle that was ordered off counts as stopped: at 20 turns/s and 10 turns/s2
+/// it turns by another 0.008.
+const REST_RATIO: f64 = 0.02;
 /// Maximum time below [`STALL_RATIO`] where it does no harm, s, and in turns at the speed of the pass. Some
 /// drives wait at zero speed when a tap reverses. Before the run-in nothing moves, and an encoder of few
 /// lines reports a slow speed in jumps.
@@ -94,6 +97,10 @@ pub struct ThreadPass {
     pub turns_per_s: f64,
     /// The spindle turns back at the end, and the axes with it to the start.
     pub tap: Option<TapReturn>,
+    /// Permitted distance between the chord of two setpoints and the path, mm.
+    pub chord_error_mm: f64,
+    /// Maximum age of the spindle's angle, s. The axes follow the predicted angle meanwhile.
+    pub max_angle_age_s: f64,
     /// An axis and its position at which the tool is clear of the thread: an aborted pass retracts to it.
     pub clear_at: Option<(usize, f64)>,
 }
@@ -105,7 +112,12 @@ impl ThreadPass {
     /// # Errors
     /// The limit that it cannot keep.
     pub fn check(&self, limits: &Limits, period_s: f64) -> Result<f64, ThreadObjection> {
-        let mut cam = ThreadCam::new(self.start, self.legs.clone(), self.tap.is_some());
+        let mut cam = ThreadCam::new(
+            self.start,
+            self.legs.clone(),
+            self.tap.is_some(),
+            self.chord_error_mm,
+        );
         let out = self.tap.map_or(0.0, |tap| tap.turns_per_s);
         cam.shape(self.turns_per_s.abs().max(out), limits, period_s)?;
         if let Some(tap) = self.tap {
@@ -179,6 +191,7 @@ pub struct Threading {
     start_turns: f64,
     turns_per_s: f64,
     tap: Option<TapReturn>,
+    max_angle_age_s: f64,
     clear_at: Option<(usize, f64)>,
     phase: Phase,
     /// Angle of the spindle at which the thread begins, turns in the direction of rotation.
@@ -187,6 +200,8 @@ pub struct Threading {
     begun_at: f64,
     /// The fraction of each harmonic that is followed, 0 to 1.
     followed_fractions: [f64; 3],
+    /// Time since a stop of a tap was requested, s: it follows the spindle until that stops.
+    stopping_s: Option<f64>,
     /// Time for which the spindle has been slower than [`STALL_RATIO`], s.
     slow_s: f64,
     /// Last angle since the origin, and its speed.
@@ -214,20 +229,24 @@ impl Threading {
             start_turns,
             turns_per_s,
             tap,
+            chord_error_mm,
+            max_angle_age_s,
             clear_at,
         } = pass;
         Self {
             follower: ThreadFollower::new(limits, &start, &legs),
-            cam: ThreadCam::new(start, legs, tap.is_some()),
+            cam: ThreadCam::new(start, legs, tap.is_some(), chord_error_mm),
             limits: *limits,
             start_turns,
             turns_per_s,
             tap,
+            max_angle_age_s,
             clear_at,
             phase: Phase::Waiting(0.0),
             origin: None,
             begun_at: 0.0,
             followed_fractions: [0.0; 3],
+            stopping_s: None,
             slow_s: 0.0,
             turns: 0.0,
             speed: 0.0,
@@ -358,9 +377,26 @@ impl Threading {
         );
     }
 
+    /// Whether a stop of the pass follows the spindle, which is ordered off, until it stops: a tap would break
+    /// in the hole if the spindle turned on alone. Not if the spindle takes much longer than expected.
+    fn follows_to_rest(&self, spindle: &SpindleInput) -> bool {
+        let Some(tap) = self.tap else {
+            return false;
+        };
+        let in_the_hole = self.turns > -self.cam.run_in_turns();
+        let turns = self.speed.abs() > REST_RATIO * self.begun_at;
+        let max_s =
+            STALL_TIMEOUT_S + REVERSAL_MARGIN * self.begun_at.max(tap.turns_per_s) / self.braking(tap);
+        let is_timely = self.stopping_s.is_none_or(|seconds| seconds < max_s);
+        spindle.knowledge == SpindleKnowledge::Tracked && in_the_hole && turns && is_timely
+    }
+
     fn follow(&mut self, spindle: &SpindleInput, turned: bool, period_s: f64) -> bool {
         let (run_out, ended) = self.cam.run_out();
-        let (angle, third) = match self.angle(spindle) {
+        let known = self
+            .angle(spindle)
+            .filter(|_| spindle.age_s <= self.max_angle_age_s);
+        let (angle, third) = match known {
             Some((angle, third)) => ([angle[0] - self.origin.unwrap_or(0.0), angle[1], angle[2]], third),
             // The pass ends here in any case, with the last known speed.
             None if self.turns >= run_out => ([self.turns + self.speed * period_s, self.speed, 0.0], 0.0),
@@ -385,6 +421,7 @@ impl Threading {
             _ => angle[1] / self.begun_at,
         };
         let has_begun = angle[0] > -run_in;
+        let is_stopping = self.stopping_s.is_some();
         if error > PHASE_TOLERANCE_MM || ratio > RUNAWAY_RATIO {
             let is_at_edge =
                 ratio <= RUNAWAY_RATIO && self.tap.is_some() && self.follower.leaves_travel(&want);
@@ -397,12 +434,12 @@ impl Threading {
         }
         if let Some(tap) = self.tap {
             let depth = self.cam.turns();
-            if !turned && angle[0] + tap.braking_turns(angle[1]) >= depth {
+            if !turned && !is_stopping && angle[0] + tap.braking_turns(angle[1]) >= depth {
                 self.phase = Phase::Following { turned: true };
                 return true;
             }
             let overrun = self.begun_at * self.begun_at / (2.0 * self.braking(tap));
-            if turned && angle[0] > depth + OVERRUN_TURNS + overrun {
+            if (turned || is_stopping) && angle[0] > depth + OVERRUN_TURNS + overrun {
                 self.give_up(ThreadVerdict::NotTurnedBack);
                 return false;
             }
@@ -416,7 +453,7 @@ impl Threading {
         }
         // While it turns back it may still be fast in the other direction.
         let is_slow = if turned { ratio.abs() } else { ratio } < STALL_RATIO;
-        if is_slow {
+        if is_slow && !is_stopping {
             self.slow_s += period_s;
         } else {
             self.slow_s = 0.0;
@@ -476,11 +513,16 @@ impl Threading {
         match self.phase {
             Phase::Waiting(waited) if !hold && !stop => self.wait(spindle, waited, period_s),
             Phase::Waiting(_) | Phase::Over(_) => {}
-            Phase::Following { .. } if stop => {
+            Phase::Following { .. } if stop && !self.follows_to_rest(spindle) => {
                 self.give_up(ThreadVerdict::Lost);
                 self.come_to_rest(period_s);
             }
-            Phase::Following { turned } => acts = self.follow(spindle, turned, period_s),
+            Phase::Following { turned } => {
+                if stop {
+                    self.stopping_s = Some(self.stopping_s.unwrap_or(0.0) + period_s);
+                }
+                acts = self.follow(spindle, turned, period_s);
+            }
             Phase::Landing(_) | Phase::Stopping(..) => self.come_to_rest(period_s),
         }
         if let Phase::Over(verdict) = self.phase {

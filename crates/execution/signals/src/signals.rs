@@ -261,8 +261,15 @@ impl Signals {
             },
             SpindleKnowledge::Unknown | SpindleKnowledge::Seeking => SpindleMotion::default(),
         };
+        let age_s = match (knowledge, self.tracker.newest_cycle()) {
+            (SpindleKnowledge::Tracked, Some(newest)) => {
+                (cycle - newest - f64::from(self.lead_cycles)) * self.period_s
+            }
+            _ => 0.0,
+        };
         SpindleInput {
             knowledge,
+            age_s,
             mean: motion.mean,
             ripple: motion.ripple,
         }

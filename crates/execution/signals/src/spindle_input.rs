@@ -21,6 +21,9 @@ pub enum SpindleKnowledge {
 pub struct SpindleInput {
     /// What is known of it. The other fields are 0 if it is unknown or being sought.
     pub knowledge: SpindleKnowledge,
+    /// Age of the newest sample when it is used, s: beyond the time from the computation of the setpoint until
+    /// it is due. 0 if the angle is imagined.
+    pub age_s: f64,
     /// Angle since the index pulse, speed and acceleration, without the periodic deviation.
     pub mean: AngleJet,
     /// The contribution of each harmonic of one turn.

@@ -110,6 +110,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.periphery.follows_angle = Some(chain.spindle());
         self.periphery.in_pass = Some(SpindlePass {
             spindle: chain.spindle(),
+            is_tap: chain.is_tap(),
             motion: UnplannedMove {
                 feed_mm_s: chain.feed_mm_s(pass.turns_per_s),
                 end: pass.legs.last().map_or(pass.start, |leg| leg.end),

@@ -159,6 +159,10 @@ fn run(
                 spindle.rev_s
             };
         }
+        let is_stopping = |last: &Setpoint| last.state == MotionState::Stopping;
+        if pass.tap.is_some() && trouble != Trouble::Stubborn && all.last().is_some_and(is_stopping) {
+            track.wanted = 0.0;
+        }
         track.go_to(number as f64 * period, spindle, trouble);
         while sampled as f64 * SAMPLE_S + spindle.delay_s <= computed_s {
             let time_s = sampled as f64 * SAMPLE_S;
@@ -280,6 +284,8 @@ fn straight(pitch: f64, length: f64, rev_s: f64) -> ThreadPass {
         start_turns: 0.0,
         turns_per_s: rev_s,
         tap: None,
+        chord_error_mm: 0.001,
+        max_angle_age_s: 0.02,
         clear_at: None,
     }
 }

@@ -178,3 +178,67 @@ fn a_tap_with_a_jammed_spindle_stops_with_an_error() {
         assert!(stalled > 20, "{stalled}");
     }
 }
+
+/// At any moment of a tap a stop orders the spindle off, and the axes follow it until it stops: the tap does
+/// not turn in the hole alone.
+#[test]
+fn a_stopped_tap_follows_its_spindle_to_rest() {
+    for (period_ns, braking) in [
+        (1_000_000, Some(33.0)),
+        (1_000_000, None),
+        (250_000, Some(33.0)),
+        (4_000_000, Some(33.0)),
+    ] {
+        let period = period_ns as f64 * 1e-9;
+        let (spindle, pass) = tap_of_15_turns(braking);
+        let whole = jammed(Trouble::None, braking, period_ns);
+        let (begin, end) = (whole.pass.start as f64 * period, whole.pass.end as f64 * period);
+        let (mut worst, mut in_hole) = (0.0_f64, 0);
+        for part in 1..60 {
+            let at = begin + f64::from(part) / 60.0 * (end - begin);
+            let (kind, trouble) = (PlannerKind::Optimal, Trouble::None);
+            let outcome = run(lathe(), period_ns, kind, &pass, &spindle, trouble, 0.0..0.0, at);
+            let what = format!("{period_ns} ns, {braking:?}, stop at {at} s of {end} s");
+            assert_eq!(outcome.state, MotionState::Stopped, "{what}");
+            assert_eq!(outcome.allocations, 0, "{what}");
+            assert_within(&outcome.all, &lathe(), period_ns, &what);
+            let depth = -outcome.all.last().expect("a setpoint").position[2];
+            // The spindle turns at most as far as it needs from 10 turns/s.
+            assert!(depth < 15.0 + 1.6, "{what}: {depth}");
+            let stopped_s = outcome.all.len() as f64 * period - at;
+            assert!(stopped_s < 10.0 / 33.0 + 0.1, "{what}: {stopped_s} s");
+            let run_in = pass.check(&lathe(), period).expect("room");
+            if depth > 2.0 * run_in {
+                in_hole += 1;
+                // The rest of its turns after the last setpoint.
+                let mut track = outcome.track;
+                track.go_to(outcome.all.len() as f64 * period + 1.0, &spindle, Trouble::None);
+                let turns = track.at(track.turns.len() as f64 * STEP_S) - depth;
+                worst = worst.max((turns - turns.round()).abs());
+            }
+        }
+        println!("{period_ns} ns: at most {:.1} um in {in_hole} stops", worst * 1e3);
+        assert!(in_hole > 40, "{in_hole}");
+        // The angle at the stop is predicted over four periods, at 33 turns/s2; and the ends of both stops.
+        assert!(worst < 0.008 + 0.5 * 33.0 * (4.0 * period).powi(2), "{worst}");
+    }
+}
+
+/// A spindle that is ordered off and does not stop: the axes do, in time and near the depth.
+#[test]
+fn a_stopped_tap_does_not_follow_a_spindle_that_does_not_stop() {
+    let whole = jammed(Trouble::None, Some(33.0), 1_000_000);
+    let begin = whole.pass.start as f64 * 1e-3;
+    for part in [0.3, 0.7, 1.1, 1.4] {
+        let at = begin + part;
+        let (spindle, pass) = tap_of_15_turns(Some(33.0));
+        let (kind, trouble) = (PlannerKind::Optimal, Trouble::Stubborn);
+        let outcome = run(lathe(), 1_000_000, kind, &pass, &spindle, trouble, 0.0..0.0, at);
+        assert_eq!(outcome.state, MotionState::Stopped, "{at}");
+        assert_within(&outcome.all, &lathe(), 1_000_000, "stubborn");
+        let stopped_s = outcome.all.len() as f64 * 1e-3 - at;
+        assert!(stopped_s < 0.5 + 2.0 * 10.0 / 33.0 + 0.2, "{at}: {stopped_s} s");
+        let depth = -outcome.all.last().expect("a setpoint").position[2];
+        assert!(depth < 15.0 + 2.0 + 1.6 + 1.0, "{at}: {depth}");
+    }
+}

@@ -310,10 +310,10 @@ fn a_lost_angle_ends_a_pass_and_blocks_the_next() {
     let outcome = drive(Trouble::Silent(2.0));
     let result = outcome.result.expect("a result");
     assert_eq!(result.verdict, ThreadVerdict::Lost);
-    // 15 mm/s: 0.1 s until inputs are too old, and the stop.
+    // 15 mm/s: 20 ms until the angle is too old, the lead and a sample, and the stop.
     let silent_at = outcome.all[2000].position[2];
     let farther = silent_at - result.stop_position[2];
-    assert!((1.0..3.0).contains(&farther), "{farther} mm");
+    assert!((0.3..0.6).contains(&farther), "{farther} mm");
     assert_within(&outcome.all, &lathe(), 1_000_000, "lost");
 }
 
@@ -436,5 +436,104 @@ fn a_spindle_stopped_before_the_run_in_ends_a_pass() {
             ThreadVerdict::Done,
             "{tap:?}"
         );
+    }
+}
+
+/// The corners of a taper are as wide as the permitted chord error needs, and the error is that of the summary.
+#[test]
+fn corners_of_a_taper_keep_the_chord_error() {
+    for period_ns in [500_000, 1_000_000, 2_000_000] {
+        let period = period_ns as f64 * 1e-9;
+        for chord_error_mm in [0.0001, 0.001] {
+            let spindle = Spindle {
+                rev_s: 10.0,
+                torque: 33.0,
+                ripple: 0.02,
+                order: 1.0,
+                counts: 4096.0,
+                delay_s: 0.002,
+                index: 0.3,
+            };
+            let leg = |x: f64, z: f64, turns: f64| {
+                let mut end = Axes::zeros();
+                (end[0], end[2]) = (x, z);
+                ThreadLeg { end, turns, line: 2 }
+            };
+            // As of G76 with L3: to the depth, along the thread, and out.
+            let pass = ThreadPass {
+                legs: [leg(-1.0, -9.0, 6.0), leg(-1.0, -30.0, 14.0), leg(0.0, -39.0, 6.0)].into(),
+                chord_error_mm,
+                ..straight(1.5, 39.0, 10.0)
+            };
+            pass.check(&lathe(), period).expect("room");
+            let (kind, trouble, never) = (PlannerKind::Optimal, Trouble::None, f64::INFINITY);
+            let outcome = run(
+                lathe(),
+                period_ns,
+                kind,
+                &pass,
+                &spindle,
+                trouble,
+                0.0..0.0,
+                never,
+            );
+            let result = outcome.result.expect("a result");
+            assert_eq!(result.verdict, ThreadVerdict::Done);
+            assert_within(&outcome.all, &lathe(), period_ns, "taper");
+            // The distance of each setpoint from the line through its neighbours, over four.
+            let mut worst: f64 = 0.0;
+            for three in outcome.all[outcome.pass.clone()].windows(3) {
+                let [x, z] = [0, 2].map(|axis| [0, 1, 2].map(|at: usize| three[at].position[axis]));
+                let (dx, dz) = (x[2] - x[0], z[2] - z[0]);
+                let chord = dx.hypot(dz);
+                if chord > 0.0 {
+                    let off = ((x[1] - x[0]) * dz - (z[1] - z[0]) * dx).abs() / chord;
+                    worst = worst.max(0.25 * off);
+                }
+            }
+            println!(
+                "{period_ns} ns: {:.4} of {:.4} um",
+                worst * 1e3,
+                chord_error_mm * 1e3
+            );
+            assert!(worst <= chord_error_mm, "{worst}");
+        }
+    }
+}
+
+/// The encoder falls silent in a pass: the axes follow the predicted angle for 20 ms only.
+#[test]
+fn an_angle_that_is_too_old_ends_a_pass() {
+    let spindle = Spindle {
+        rev_s: 10.0,
+        torque: 33.0,
+        ripple: 0.0,
+        order: 1.0,
+        counts: 4096.0,
+        delay_s: 0.001,
+        index: 0.3,
+    };
+    let tap = Some(TapReturn {
+        turns_per_s: 10.0,
+        braking: None,
+    });
+    for tap in [None, tap] {
+        let pass = ThreadPass {
+            tap,
+            ..straight(1.0, 30.0, 10.0)
+        };
+        for at in [1.5, 2.0, 2.5] {
+            let (kind, never) = (PlannerKind::Optimal, f64::INFINITY);
+            let silent = Trouble::Silent(at);
+            let outcome = run(lathe(), 1_000_000, kind, &pass, &spindle, silent, 0.0..0.0, never);
+            let result = outcome.result.expect("a result");
+            assert_eq!(result.verdict, ThreadVerdict::Lost);
+            assert_within(&outcome.all, &lathe(), 1_000_000, "silent");
+            // 20 ms, the lead and a sample at 10 mm/s, and the stop at 100 m/s3: 10 mm/s times 10 ms.
+            let from = outcome.all[(at * 1e3) as usize].position[2];
+            let blind = from - result.stop_position[2];
+            println!("{blind} mm after the last sample");
+            assert!((0.2..10.0 * 0.024 + 0.1 + 0.01).contains(&blind), "{blind}");
+        }
     }
 }
