@@ -38,6 +38,7 @@ mod operator_messages;
 mod power_cycles;
 mod probing;
 mod random_faults;
+mod random_thread_faults;
 mod real_programs;
 mod run_status;
 mod same_bits;

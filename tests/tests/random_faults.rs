@@ -35,6 +35,8 @@ const FAILED: u32 = 3;
 const FAULT: u32 = 4;
 const MANUAL: u32 = 1;
 const MDI: u32 = 2;
+/// X, Y, Z.
+const MILL: u32 = 0b111;
 /// Maximum number of cycles of 1 ms of a stop. From 500 mm/s with 5 m/s2 and 200 m/s3 an axis stops in 100 +
 /// 25 ms; on the path it takes at most twice that, where the axes have to keep to a corner.
 const STOP_CYCLES: u64 = 250;
@@ -123,6 +125,42 @@ fn rests(status: &Status) -> bool {
     status.velocity.iter().all(|v| *v == 0.0)
 }
 
+/// Clears alarms, switches the machine on, homes the axes of this mask, and names the tool if it is unknown.
+pub(crate) fn recovers(operator: &mut Operator, axes_mask: u32) {
+    let begin = Instant::now();
+    while begin.elapsed() < LONGEST {
+        let status = operator.now();
+        let has_alarms = status.alarm_count > 0;
+        if status.activity == 0 && has_alarms {
+            operator.request(&command("CLEAR_ALARMS"));
+        }
+        match status.machine_state {
+            0 => drop(operator.request(&command("ESTOP_RESET"))),
+            1 => drop(operator.request(&command("ON"))),
+            _ if status.activity == 0 && !has_alarms => {
+                if status.homed_mask & axes_mask != axes_mask {
+                    operator.says_number("MODE", MANUAL);
+                    let job = operator.says("HOME").job;
+                    assert_eq!(operator.sees_end(job).job_result, DONE, "homing");
+                }
+                if status.switches & switches::TOOL_UNKNOWN != 0 {
+                    operator.says_number("MODE", MDI);
+                    let job = operator.says_text("MDI", "M61 Q2").job;
+                    assert_eq!(operator.sees_end(job).job_result, DONE, "M61");
+                }
+                return;
+            }
+            _ => {}
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let status = operator.now();
+    panic!(
+        "the machine does not recover: {status:?} {}",
+        status.alarm_sentence()
+    );
+}
+
 impl Plant {
     fn start_drives(&mut self, options: &[String]) {
         if let Some(drives) = self.drives.take() {
@@ -135,43 +173,6 @@ impl Plant {
         self.drives = Some(Drives::start(&self.shop.machine, &self.shop.domain, &options));
         self.operator
             .waits("drives", |status| status.feedback_age_ns < 100_000_000);
-    }
-
-    /// Clears alarms, switches the machine on, homes the axes, and names the tool if it is unknown.
-    fn recovers(&mut self) {
-        let begin = Instant::now();
-        let operator = &mut self.operator;
-        while begin.elapsed() < LONGEST {
-            let status = operator.now();
-            let has_alarms = status.alarm_count > 0;
-            if status.activity == 0 && has_alarms {
-                operator.request(&command("CLEAR_ALARMS"));
-            }
-            match status.machine_state {
-                0 => drop(operator.request(&command("ESTOP_RESET"))),
-                1 => drop(operator.request(&command("ON"))),
-                _ if status.activity == 0 && !has_alarms => {
-                    if status.homed_mask & 0b111 != 0b111 {
-                        operator.says_number("MODE", MANUAL);
-                        let job = operator.says("HOME").job;
-                        assert_eq!(operator.sees_end(job).job_result, DONE, "homing");
-                    }
-                    if status.switches & switches::TOOL_UNKNOWN != 0 {
-                        operator.says_number("MODE", MDI);
-                        let job = operator.says_text("MDI", "M61 Q2").job;
-                        assert_eq!(operator.sees_end(job).job_result, DONE, "M61");
-                    }
-                    return;
-                }
-                _ => {}
-            }
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        let status = operator.now();
-        panic!(
-            "the machine does not recover: {status:?} {}",
-            status.alarm_sentence()
-        );
     }
 
     /// Causes the fault, unless the bridge does.
@@ -316,7 +317,7 @@ impl Plant {
     fn works_again(&mut self) {
         let healthy = self.case.healthy();
         self.start_drives(&healthy);
-        self.recovers();
+        recovers(&mut self.operator, MILL);
         self.agrees();
         self.operator.says_number("MODE", MDI);
         for (block, at) in [
@@ -414,7 +415,7 @@ fn play(case: &Case) -> String {
             status.machine_state == 2 || status.alarm_count > 0
         });
     } else {
-        plant.recovers();
+        recovers(&mut plant.operator, MILL);
     }
     let ended = plant.drives_program();
     let result = ended.map_or(0, |status| status.job_result);

@@ -210,6 +210,62 @@ fn a_hold_in_a_pass_acts_after_it() {
     });
 }
 
+/// STOP in a tap orders the spindle off, and the axes follow it until it stops.
+#[test]
+fn a_stopped_tap_stops_with_its_spindle() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let machine = lathe(&workshop);
+        let _drives = Drives::start(&machine, &domain, &[]);
+        let program = workshop.write(
+            "tap.ngc",
+            "G21 G18 G90 G8\nS600 M3\nG0 X0 Z5\nG33.1 Z-40 K1\nG0 X20\nM5\nM2\n",
+        );
+        let trace = workshop.path("served.mcap");
+        let to = trace.display().to_string();
+        let served = Served::start(
+            &machine,
+            "threader",
+            &domain,
+            &workshop.path("state"),
+            &["--trace", &to],
+        );
+        let mut operator = Operator::join("threader", &domain);
+        operator.brings_up();
+        operator.says_number("MODE", 0);
+        operator.says_text("LOAD", program.to_str().expect("a path"));
+        let job = operator.says("START").job;
+        operator.waits("the tap", |status| {
+            status.line == 4 && status.position_machine[Z] < -10.0
+        });
+        operator.says("STOP");
+        operator.sees_end(job);
+        // Longer than the spindle takes from 10 turns/s at 33 turns/s2.
+        std::thread::sleep(std::time::Duration::from_millis(800));
+        served.end().expect_code(&[0, 1, 3]);
+        let z = cycles(&trace).last().expect("cycles").position[Z];
+        // Of the samples in phase: the angle at which the tap began.
+        let all = cycles(&trace);
+        let first = all.first().expect("cycles").sequence as f64;
+        let starts: Vec<f64> = angles(&trace)
+            .into_iter()
+            .filter_map(|(cycle, turns)| {
+                let here = all.get((cycle - first).floor() as usize)?;
+                let in_phase = (here.velocity[Z] + 10.0).abs() < 0.05 && here.position[Z] < 0.0;
+                let along = 5.0 - here.position[Z] - cycle.fract() * here.velocity[Z] * 1e-3;
+                in_phase.then_some(turns - along)
+            })
+            .collect();
+        let begun = *starts.last().expect("samples in phase");
+        let turns = angles(&trace).last().expect("samples").1;
+        let alone = turns - begun - (5.0 - z);
+        println!("at Z{z}: the spindle turned {alone} turns alone");
+        assert!(z < -10.0 && z > -40.0, "{z}");
+        assert!(alone.abs() < 0.02, "{alone}");
+        verifies(&trace);
+    });
+}
+
 #[test]
 fn impossible_threads_are_rejected_before_motion() {
     let workshop = Workshop::new();
