@@ -1,7 +1,9 @@
 //! Messages of the status to the operator: their contents and duration.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-use evolvent_bus::{ControlRequest, Status};
+use std::time::{Duration, Instant};
+
+use evolvent_bus::{ControlRequest, EveryStatusReader, Status};
 use evolvent_tests::{Operator, Scene, command, unless_disturbed};
 
 const DWELLS: u32 = 6;
@@ -84,6 +86,102 @@ fn a_request_ends_with_the_stop_that_it_is_about() {
         operator.says("STOP");
         let end = operator.sees_end(job);
         assert_eq!(end.operator_message(), "", "there is no way back any more");
+        drop(operator);
+        scene.end();
+    });
+}
+
+/// The texts of messages in the order in which statuses have them, until the job ends. A text that continues
+/// the one before counts by what it adds.
+fn told(reader: &mut EveryStatusReader, job: u64) -> Vec<String> {
+    let (begin, mut before, mut told) = (Instant::now(), String::new(), Vec::new());
+    loop {
+        while let Some(status) = reader.receive().expect("a status") {
+            let text = status.operator_message().to_owned();
+            if text != before && !text.is_empty() {
+                let added = text
+                    .strip_prefix(&before)
+                    .and_then(|added| added.strip_prefix("; "));
+                told.push(added.unwrap_or(&text).to_owned());
+            }
+            before = text;
+            if status.job == job && status.job_result != 0 {
+                return told;
+            }
+        }
+        assert!(begin.elapsed() < Duration::from_secs(20), "no end: {told:?}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+#[test]
+fn every_message_is_in_a_status_however_soon_the_next_one_comes() {
+    unless_disturbed(|| {
+        let scene = Scene::new("soon");
+        // Moves of about a millisecond, and texts that do not fit into one status together.
+        let moves: String = (1..=20)
+            .map(|i| format!("(MSG, move {i})\nG1 X{}\n", 0.1 * f64::from(i)))
+            .collect();
+        let long: String = (1..=5)
+            .map(|i| format!("(MSG, {i}{})\n", " long".repeat(20)))
+            .collect();
+        let text = format!(
+            "G21 G90 G64 P0.01 F20000\n(MSG, clamp A closed?)\n(MSG, clamp B closed?)\nM0\n(MSG, one)\nG4 P0.005\n\
+             (MSG, two)\nG4 P0.005\n(MSG, three)\nG4 P0.1\n{moves}{long}G4 P0.2\nM2\n"
+        );
+        let mut reader = scene.domain.client("soon").every_status().expect("the status");
+        let (mut operator, job) = starts(&scene, &text);
+        let stop = waits_at_line(&mut operator, 4);
+        assert_eq!(stop.operator_message(), "clamp A closed?; clamp B closed?");
+        operator.says("RESUME");
+        let told = told(&mut reader, job);
+        let expected: Vec<String> = ["clamp A closed?", "clamp B closed?", "one", "two", "three"]
+            .map(str::to_owned)
+            .into_iter()
+            .chain((1..=20).map(|i| format!("move {i}")))
+            .chain((1..=5).map(|i| format!("{i}{}", " long".repeat(20))))
+            .collect();
+        let seen = told.join("; ");
+        assert_eq!(seen, expected.join("; "));
+        drop((operator, reader));
+        scene.end();
+    });
+}
+
+#[test]
+fn the_message_before_a_start_line_begins_with_what_turns_and_moves() {
+    unless_disturbed(|| {
+        let scene = Scene::new("start-line");
+        let text = "G21 G90 G94 G91.1 G64 P0.005 Q0.001 G99 G8 G40 G49\nG55 T3 M6\nG0 X1 Y2 Z3\nS12000 M3 F1800\nM8\n\
+                    G1 X10.123456 Y20.123456 Z-3.123456\nG1 X11 Y21 Z-4\nM2\n";
+        let program = scene.workshop.write("program.ngc", text);
+        let mut operator = scene.operator();
+        operator.brings_up();
+        operator.says_number("MODE", 0);
+        operator.says_text("LOAD", program.to_str().expect("UTF-8"));
+        let job = operator.says_number("START", 7).job;
+        let stop = operator.waits("the approach", |status| {
+            status.job == job && status.operator_message().contains("approach (machine")
+        });
+        let message = stop.operator_message();
+        let (before, rest) = message.split_once("; the approach").expect("an approach");
+        assert_eq!(
+            before,
+            "stopped before line 7, as after: T3 S12000 M3 M8 F1800 G55"
+        );
+        // What was cut ends with a whole word, and nothing of the approach is cut.
+        assert!(rest.contains("RESUME starts it"), "{message}");
+        assert!(message.len() <= 256);
+        if let Some(kept) = message.strip_suffix("...") {
+            let last = kept.rsplit(' ').next().unwrap_or_default();
+            assert!(
+                text.contains(last)
+                    || ["job.", "the", "ends", "STOP", "Also", "it,", "starts"].contains(&last),
+                "{message}"
+            );
+        }
+        operator.says("STOP");
+        operator.sees_end(job);
         drop(operator);
         scene.end();
     });

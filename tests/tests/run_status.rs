@@ -108,3 +108,47 @@ fn the_own_screen_of_a_run_is_no_listener() {
     assert!(log.contains("0 of 1 subscribers connected"), "{log}");
     assert_eq!(output.status.code(), Some(0), "{log}");
 }
+
+#[test]
+fn every_message_of_a_run_is_in_a_status() {
+    unless_disturbed(|| {
+        let (domain, workshop) = (Domain::new(), Workshop::new());
+        let machine = workshop.mill("run-messages", &[]);
+        let moves: String = (1..=20)
+            .map(|i| format!("(MSG, move {i})\nG1 X{}\n", 0.1 * f64::from(i)))
+            .collect();
+        // The bus is joined during the first dwell.
+        let text = format!(
+            "G21 G90 G64 P0.01 F20000\nG4 P2\n(MSG, one)\nG4 P0.005\n(MSG, two)\nG4 P0.005\n(MSG, three)\n(MSG, four)\n\
+             G4 P0.1\n{moves}G4 P0.3\nM2\n"
+        );
+        let program = workshop.write("part.ngc", &text);
+        let child = Launch::in_real_time(&program, &machine, &domain)
+            .no_trace()
+            .start();
+        let bus = domain.client("run-messages");
+        let mut reader = bus.every_status().expect("the status");
+        let (begin, mut seen) = (Instant::now(), Vec::<String>::new());
+        while begin.elapsed() < Duration::from_secs(5) {
+            while let Ok(Some(status)) = reader.receive() {
+                let message = status.operator_message();
+                if !message.is_empty() && seen.last().is_none_or(|last| last != message) {
+                    seen.push(message.to_owned());
+                }
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let _finished = wait(child);
+        // The first move begins where the dwells are, so its message is one of theirs.
+        let stops = [
+            "one",
+            "one; two",
+            "one; two; three",
+            "one; two; three; four",
+            "one; two; three; four; move 1",
+        ];
+        let moves = (2..=20).map(|i| format!("move {i}"));
+        let expected: Vec<String> = stops.map(str::to_owned).into_iter().chain(moves).collect();
+        assert_eq!(seen, expected);
+    });
+}

@@ -64,6 +64,7 @@ mod input_check;
 mod input_script;
 mod job;
 mod job_start;
+mod joined_messages;
 mod leftovers;
 mod load_cell;
 mod log_file;

@@ -15,6 +15,7 @@ use crate::drive_report::DriveReport;
 use crate::drives::feedback_bounds;
 use crate::due_setpoint::DueSetpoint;
 use crate::job::Job;
+use crate::joined_messages::{is_same_stop, joined};
 use crate::news::FeederEvent;
 use crate::periphery::Periphery;
 use crate::publishing::Publishing;
@@ -36,6 +37,8 @@ pub(crate) struct RunStatus {
     last: Setpoint,
     /// The same as planned, once there is one.
     planned: Option<evolvent_motion::Setpoint>,
+    /// The setpoint of the last message.
+    stop: Option<evolvent_motion::Setpoint>,
     /// The planner's reports, and the blocks ahead.
     news: Receiver<FeederEvent>,
     track: BlockTrack,
@@ -77,6 +80,7 @@ impl RunStatus {
                 ..Setpoint::default()
             },
             planned: None,
+            stop: None,
             news,
             track: BlockTrack::default(),
             modal: Interpreter::new(&b""[..], job.setup.interpreter_settings()).modal(),
@@ -95,6 +99,19 @@ impl RunStatus {
     fn show_speed(&mut self, periphery: &Periphery) {
         let x_mm = self.last.position[0];
         self.status.spindle_rpm = shown_rpm(&periphery.outputs, x_mm, &[1.0; SPINDLES], &self.signals);
+    }
+
+    /// Shows a message of the program, after those before it at the same stop.
+    fn pass_on(&mut self, text: &str, setpoint: &evolvent_motion::Setpoint) {
+        let is_same = (self.stop.as_ref()).is_some_and(|before| is_same_stop(before, setpoint));
+        let before = if is_same {
+            self.status.operator_message()
+        } else {
+            ""
+        };
+        let whole = joined(before, text).unwrap_or_else(|| text.to_owned());
+        self.status.set_message(&whole);
+        self.stop = Some(*setpoint);
     }
 
     fn show(&mut self, periphery: &Periphery) {
@@ -131,13 +148,19 @@ impl StatusSource for RunStatus {
         self.planned = Some(due.setpoint);
         // A block is reported before it is added to the plan.
         self.track.receive(&self.news);
-        let status = &mut self.status;
+        let mut messages = Vec::new();
         let modal = self.track.reach(&due.setpoint, |notice| {
             if notice.is_message {
-                status.set_message(&notice.text);
+                messages.push(notice.text.clone());
             }
         });
         self.modal = modal.unwrap_or(self.modal);
+        for text in messages {
+            self.pass_on(&text, &due.setpoint);
+            // Each has a status, however soon the next replaces it.
+            self.refresh(port);
+            port.notify(EventKind::StatusChanged);
+        }
         if is_switched {
             self.show(port.periphery);
         }

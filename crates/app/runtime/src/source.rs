@@ -276,7 +276,11 @@ impl Start {
     pub fn description(&self) -> String {
         use std::fmt::Write as _;
         let restart = &self.restart;
-        let mut text = format!("starting at line {}, as after: {}", restart.line, restart.modes);
+        let mut text = format!(
+            "starting at line {}, as after: {}",
+            restart.line,
+            restart.summary()
+        );
         let position = AxisLetter::ALL
             .iter()
             .filter(|axis| restart.position[axis.index()] != 0.0)

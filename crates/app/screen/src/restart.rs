@@ -119,7 +119,7 @@ fn restart_of(file: &Path, mut setup: Setup, line: u32, interrupt: Arc<AtomicBoo
     match Commands::open_bounded(file, &setup, MAX_BODY_BYTES, interrupt) {
         Ok(commands) => commands.start().map_or(nothing, |start| RestartInfo {
             line: start.restart.line,
-            modes: start.restart.modes.clone(),
+            modes: start.restart.summary(),
             position: axes.iter().map(|&axis| start.restart.position[axis]).collect(),
             steps: start.approach.clone(),
             problem: String::new(),

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use axum::body::Bytes;
 use axum::extract::ws::Utf8Bytes;
 use evolvent_bus::{
-    ClientBus, ClientConfig, FeedbackReader, InputReader, LoadReader, OutputReader, ReceiveError, Setpoint,
-    SetpointReader, SpindleReader, Status, StatusReader, flags,
+    ClientBus, ClientConfig, EveryStatusReader, FeedbackReader, InputReader, LoadReader, OutputReader,
+    ReceiveError, Setpoint, SetpointReader, SpindleReader, Status, flags,
 };
 use evolvent_control::{Alarm, AlarmKind};
 use evolvent_machine::SignalSettings;
@@ -57,7 +57,7 @@ pub(crate) fn spawn(
                 let board = SignalBoard::new(signals.clone());
                 let opened = ClientBus::open(&config).and_then(|bus| {
                     Ok(Readers {
-                        status: bus.status()?,
+                        status: bus.every_status()?,
                         setpoints: bus.setpoints()?,
                         // The scope shows the channels that exist.
                         feedback: bus.feedback().ok(),
@@ -90,7 +90,7 @@ pub(crate) fn spawn(
 
 /// The subscribed channels.
 struct Readers {
-    status: StatusReader,
+    status: EveryStatusReader,
     setpoints: SetpointReader,
     feedback: Option<FeedbackReader>,
     loads: Option<LoadReader>,
@@ -152,16 +152,19 @@ fn watch(mut readers: Readers, mut sampler: Sampler, hub: &Hub, stop: &AtomicBoo
         let mut samples = sampler.take();
         let excess = (samples.len() / sampler.sample_bytes()).saturating_sub(MAX_SAMPLES);
         samples.drain(..excess * sampler.sample_bytes());
-        match readers.status.latest() {
-            Ok(Some(status)) if last.is_none_or(|last| status.sequence != last.sequence) => {
-                last_heard = Instant::now();
-                if let Some(before) = &last {
-                    log_changes(hub, before, &status);
+        // The log has what is shorter than a frame, too.
+        loop {
+            match readers.status.receive() {
+                Ok(Some(status)) => {
+                    last_heard = Instant::now();
+                    if let Some(before) = &last {
+                        log_changes(hub, before, &status);
+                    }
+                    last = Some(status);
                 }
-                last = Some(status);
+                Ok(None) => break,
+                Err(_) => return,
             }
-            Ok(_) => {}
-            Err(_) => return,
         }
         if last_heard.elapsed() > SILENCE {
             hub.show(
@@ -233,9 +236,15 @@ fn shorten(shown: &mut Status, setpoint: &Setpoint) {
 }
 
 fn log_changes(hub: &Hub, before: &Status, now: &Status) {
-    let message = now.operator_message();
     // The core has no message at the start of a job, so the same text in another job is a new message.
-    let is_new = !message.is_empty() && (message != before.operator_message() || now.job != before.job);
+    let is_same_job = now.job == before.job;
+    let logged = if is_same_job {
+        before.operator_message()
+    } else {
+        ""
+    };
+    let message = added(logged, now.operator_message());
+    let is_new = !message.is_empty();
     let mut is_logged = false;
     for &number in now.listed_alarms() {
         if before.listed_alarms().contains(&number) {
@@ -265,9 +274,36 @@ fn log_changes(hub: &Hub, before: &Status, now: &Status) {
     }
 }
 
+/// What a message has that the one before it had not: the core adds a message to those at the same stop.
+fn added<'a>(before: &str, now: &'a str) -> &'a str {
+    match now.strip_prefix(before) {
+        Some(more) if !before.is_empty() && !more.is_empty() => more.strip_prefix("; ").unwrap_or(now),
+        Some("") => "",
+        _ => now,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_messages_at_one_stop_each_is_logged_once() {
+        let hub = Hub::new(ToPage::Core { alive: true });
+        let mut before = Status::default();
+        for message in ["", "one", "one", "one; two", "one; two; three", "", "one", "ones"] {
+            let mut now = before;
+            now.set_message(message);
+            log_changes(&hub, &before, &now);
+            before = now;
+        }
+        let mut other = before;
+        other.job += 1;
+        log_changes(&hub, &before, &other);
+        let logged = hub.log_entries();
+        let logged: Vec<_> = logged.iter().map(|entry| entry.text.as_str()).collect();
+        assert_eq!(logged, ["one", "two", "three", "one", "ones", "ones"]);
+    }
 
     #[test]
     fn a_lost_link_logs_two_alarms_with_their_texts() {

@@ -382,15 +382,17 @@ class Reader:
         prefix: Optional[str] = None,
         timeout_s: float = 10.0,
         places_left: int = 0,
+        buffer: Optional[int] = None,
     ) -> None:
-        """`places_left` are left to others: `RuntimeError` where no more than these are free."""
+        """`places_left` are left to others: `RuntimeError` where no more than these are free. `buffer` messages wait, else as many as the channel permits."""
         self._payload: Any = payload
         self._node = open_node(machine_name, prefix, timeout_s)
         self._service = open_service(self._node, machine_name, channel, payload, timeout_s)
         taken = self._service.dynamic_config.number_of_subscribers
         if taken + places_left >= self._service.static_config.max_subscribers:
             raise RuntimeError(f"{channel} of {machine_name} has no place for another reader: close one")
-        self._subscriber = self._service.subscriber_builder().create()
+        builder = self._service.subscriber_builder()
+        self._subscriber = (builder if buffer is None else builder.buffer_size(buffer)).create()
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -423,7 +425,7 @@ def open_setpoints_of_bridge(machine_name: str, prefix: Optional[str] = None, ti
 
 def open_status(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
     """A reader of the latest status."""
-    return Reader(machine_name, "status", Status, prefix, timeout_s, places_left=PLACES_FOR_OPERATORS)
+    return Reader(machine_name, "status", Status, prefix, timeout_s, places_left=PLACES_FOR_OPERATORS, buffer=1)
 
 
 def open_outputs(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:

@@ -115,9 +115,24 @@ impl ClientBus {
         self.read_status(&service)
     }
 
+    /// Reads every snapshot, for a log: a text or an alarm can be shorter than the interval at which a screen
+    /// looks.
+    ///
+    /// # Errors
+    /// The service does not exist, or all connections are taken except those reserved for operators.
+    pub fn every_status(&self) -> Result<EveryStatusReader, BusError> {
+        let service = self
+            .domain
+            .open::<Status>(Channel::Status, &self.wanted, self.deadline())?;
+        self.leave_places(&service, Channel::Status, PLACES_FOR_OPERATORS)?;
+        Ok(EveryStatusReader {
+            subscriber: self.subscribe(&service, Channel::Status)?,
+        })
+    }
+
     fn read_status(&self, service: &PubSub<Status>) -> Result<StatusReader, BusError> {
         Ok(StatusReader {
-            subscriber: self.subscribe(service, Channel::Status)?,
+            subscriber: self.subscribe_with(service, Channel::Status, Some(1))?,
             latest: None,
         })
     }
@@ -312,19 +327,31 @@ impl ClientBus {
         service: &PubSub<P>,
         channel: Channel,
     ) -> Result<Subscriber<Ipc, P, ()>, BusError> {
-        service
-            .subscriber_builder()
-            .create()
-            .map_err(|cause| match cause {
-                SubscriberCreateError::ExceedsMaxSupportedSubscribers => BusError::NoPlace {
-                    service: self.service_name(channel),
-                    port: "subscriber",
-                },
-                cause => BusError::Service {
-                    service: self.service_name(channel),
-                    cause: format!("{cause:?}"),
-                },
-            })
+        self.subscribe_with(service, channel, None)
+    }
+
+    /// With this buffer instead of the channel's largest.
+    fn subscribe_with<P: core::fmt::Debug + ZeroCopySend>(
+        &self,
+        service: &PubSub<P>,
+        channel: Channel,
+        buffer: Option<usize>,
+    ) -> Result<Subscriber<Ipc, P, ()>, BusError> {
+        let builder = service.subscriber_builder();
+        let builder = match buffer {
+            Some(messages) => builder.buffer_size(messages),
+            None => builder,
+        };
+        builder.create().map_err(|cause| match cause {
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => BusError::NoPlace {
+                service: self.service_name(channel),
+                port: "subscriber",
+            },
+            cause => BusError::Service {
+                service: self.service_name(channel),
+                cause: format!("{cause:?}"),
+            },
+        })
     }
 }
 
@@ -411,6 +438,24 @@ impl StatusReader {
             self.latest = Some(status);
         }
         Ok(self.latest)
+    }
+}
+
+/// Every snapshot, in order.
+#[derive(Debug)]
+pub struct EveryStatusReader {
+    subscriber: Subscriber<Ipc, Status, ()>,
+}
+
+impl EveryStatusReader {
+    /// The oldest snapshot not read yet, the first of them the one that was current when this reader joined. A
+    /// reader that lags by more than [`STATUS_BUFFER`](crate::STATUS_BUFFER) loses the oldest, which leaves a
+    /// gap in `sequence`.
+    ///
+    /// # Errors
+    /// The connection is damaged, or the core uses another version.
+    pub fn receive(&mut self) -> Result<Option<Status>, ReceiveError> {
+        receive(&self.subscriber, Channel::Status)
     }
 }
 

@@ -2,6 +2,9 @@
 
 use core::time::Duration;
 
+/// Snapshots that a reader of every status may lag behind; 5 MB of shared memory with all 40 readers.
+pub const STATUS_BUFFER: usize = 64;
+
 /// The largest setpoint buffer, in setpoints; with 9 axes and 12 subscribers 310 MB of shared memory.
 pub const MAX_SETPOINT_BUFFER: usize = 65_536;
 

@@ -1,6 +1,8 @@
 //! The core's side of the bus.
 
-use crate::config::{BusConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
+use crate::config::{
+    BusConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS, STATUS_BUFFER,
+};
 use crate::deadline::Deadline;
 use crate::domain::{
     ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, Domain, EventService, Ipc, PubSub, Sizes, Wanted,
@@ -130,7 +132,7 @@ impl CoreBus {
         let sizes = Sizes {
             publishers: 1,
             subscribers: 32 + PLACES_FOR_OPERATORS,
-            buffer: 1,
+            buffer: STATUS_BUFFER,
             history: 1,
         };
         let (status_service, status) = opening.publisher::<Status>(Channel::Status, sizes)?;

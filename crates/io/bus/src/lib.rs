@@ -71,10 +71,12 @@ mod stale_resources;
 
 pub use bindings::{c_header, python_module};
 pub use client_bus::{
-    ClientBus, EventReader, FeedbackReader, FeedbackSender, InputReader, InputSender, LoadReader, LoadSender,
-    OutputReader, SetpointReader, SpindleReader, SpindleSender, StatusReader,
+    ClientBus, EventReader, EveryStatusReader, FeedbackReader, FeedbackSender, InputReader, InputSender,
+    LoadReader, LoadSender, OutputReader, SetpointReader, SpindleReader, SpindleSender, StatusReader,
 };
-pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
+pub use config::{
+    BusConfig, ClientConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS, STATUS_BUFFER,
+};
 pub use control_bus::{CommandError, ControlCall, ControlClient, ControlServer};
 pub use core_bus::CoreBus;
 pub use discovery::{cores_of_other_users, list_machines};

@@ -98,10 +98,15 @@ fn status_is_the_latest_for_early_and_late_readers() {
         status.push_alarm(4711);
         status
     };
+    let mut every = client.every_status().expect("a reader");
     for sequence in 0..50 {
         core.publish_status(&status(sequence)).expect("sent");
     }
     assert_eq!(early.latest(), Ok(Some(status(49))));
+    for sequence in 0..50 {
+        assert_eq!(every.receive(), Ok(Some(status(sequence))));
+    }
+    assert_eq!(every.receive(), Ok(None));
     let mut late = client.status().expect("a reader");
     core.admit_readers();
     assert_eq!(late.latest(), Ok(Some(status(49))));
@@ -123,6 +128,30 @@ fn oversized_texts_and_alarms_are_cut_and_counted() {
         status.push_alarm(number);
     }
     assert_eq!((status.alarm_count, status.listed_alarms().len()), (20, 16));
+    // Sentences end after a word: G4 would be a dwell.
+    for (padding, expected) in [(250, "..."), (249, " G49"), (252, "...")] {
+        let words = format!("{} G49", "x".repeat(padding));
+        status.set_message(&format!("{words}{}", " G49".repeat(3)));
+        let shown = if expected == "..." { "..." } else { " G49..." };
+        assert_eq!(
+            status.operator_message(),
+            format!("{}{shown}", "x".repeat(padding))
+        );
+    }
+    status.set_message(&format!("{} G49", "x".repeat(252)));
+    assert_eq!(
+        status.operator_message(),
+        format!("{} G49", "x".repeat(252)),
+        "it fits"
+    );
+    status.set_message(&"ä".repeat(200));
+    assert_eq!(
+        status.operator_message(),
+        format!("{}...", "ä".repeat(126)),
+        "one word"
+    );
+    status.set_alarm_text(&"word ".repeat(60));
+    assert!(status.alarm_sentence().ends_with("word..."));
     // Foreign senders may send anything.
     let broken = Status {
         program_length: u32::MAX,
@@ -543,7 +572,8 @@ fn texts_of_commands_keep_to_their_room() {
     assert_eq!(request.text(), None);
     let mut answer = ControlAnswer::default();
     answer.set_text(&"\u{00e4}".repeat(1000));
-    assert_eq!(answer.text().len(), evolvent_bus::ANSWER_TEXT_BYTES);
+    // 512 bytes: 254 characters of two, and what says that it goes on.
+    assert_eq!(answer.text(), format!("{}...", "\u{00e4}".repeat(254)));
 }
 
 /// The removal of a domain waits for processes that are ending in it.

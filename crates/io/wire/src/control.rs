@@ -82,9 +82,9 @@ payload! {
 }
 
 impl ControlAnswer {
-    /// Writes the sentence, truncated to the capacity at a character boundary.
+    /// Writes the sentence. One that is too long ends after a word, with "...".
     pub fn set_text(&mut self, text: &str) {
-        self.text_length = crate::status::put_text(&mut self.text, text);
+        self.text_length = crate::status::put_sentence(&mut self.text, text);
     }
 
     /// The sentence; empty if there is none or if it is not UTF-8.

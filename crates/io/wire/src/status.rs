@@ -251,9 +251,9 @@ impl Status {
         self.feedback_age_ns != u64::MAX
     }
 
-    /// Writes the sentence of the first of `alarms`, truncated like the program's name.
+    /// Writes the sentence of the first of `alarms`. One that is too long ends after a word, with "...".
     pub fn set_alarm_text(&mut self, text: &str) {
-        self.alarm_text_length = put_text(&mut self.alarm_text, text);
+        self.alarm_text_length = put_sentence(&mut self.alarm_text, text);
     }
 
     /// The sentence of the first of `alarms`; empty if there is none.
@@ -262,9 +262,9 @@ impl Status {
         get_text(&self.alarm_text, self.alarm_text_length)
     }
 
-    /// Writes the message to the operator, truncated like the program's name.
+    /// Writes the message to the operator. One that is too long ends after a word, with "...".
     pub fn set_message(&mut self, text: &str) {
-        self.message_length = put_text(&mut self.message, text);
+        self.message_length = put_sentence(&mut self.message, text);
     }
 
     /// The program's last message to the operator; empty if there is none.
@@ -294,6 +294,34 @@ pub(crate) fn put_text(field: &mut [u8], text: &str) -> u32 {
     field.fill(0);
     field[..length].copy_from_slice(&text.as_bytes()[..length]);
     length as u32
+}
+
+/// Shows that a sentence goes on.
+const CUT: &str = "...";
+
+/// Writes a sentence into a field and returns its length. One that is too long ends after a word, with "...":
+/// the beginning of a word can be another word, such as G4 of G49.
+pub(crate) fn put_sentence(field: &mut [u8], text: &str) -> u32 {
+    if text.len() <= field.len() {
+        return put_text(field, text);
+    }
+    // The character after the last one that fits shows whether a word ends there.
+    let room = text.floor_char_boundary_at(field.len().saturating_sub(CUT.len()));
+    let seen = text[room..]
+        .chars()
+        .next()
+        .map_or(room, |next| room + next.len_utf8());
+    // A single long word, such as a path, is cut.
+    let words = text[..seen]
+        .rfind(char::is_whitespace)
+        .filter(|&end| end > room / 2);
+    let words = words.unwrap_or(room);
+    let kept = text[..words].trim_end().len();
+    let end = kept + CUT.len().min(field.len() - kept);
+    field.fill(0);
+    field[..kept].copy_from_slice(&text.as_bytes()[..kept]);
+    field[kept..end].copy_from_slice(&CUT.as_bytes()[..end - kept]);
+    end as u32
 }
 
 /// The text in a field; empty if it is not UTF-8.

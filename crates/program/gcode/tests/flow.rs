@@ -380,6 +380,10 @@ fn a_restart_has_the_state_of_all_preceding_lines() {
         restart.modes,
         "G1 G17 G21 G90 G91.1 G94 G55 G64 P0.05 G99 G8 G40 G49 F600 S800 M3 T2 M8"
     );
+    assert_eq!(
+        restart.summary(),
+        "T2 S800 M3 M8 F600 G55 G1 G17 G21 G90 G91.1 G94 G64 P0.05 G99 G8 G40 G49"
+    );
     let rest: Vec<_> = interpreter.map(Result::unwrap).collect();
     let expected: Vec<_> = complete.into_iter().filter(|command| command.line >= 8).collect();
     assert_eq!(rest, expected);

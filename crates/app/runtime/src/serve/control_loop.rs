@@ -126,7 +126,7 @@ impl ControlLoop {
                 self.poll(now_ns);
             }
             self.status
-                .write(&self.operator, &self.pulse, &self.published, now_ns, is_over);
+                .write(&mut self.operator, &self.pulse, &self.published, now_ns, is_over);
             self.give_sign();
             if is_over || ending.is_some_and(|since| since.elapsed() > END_TIMEOUT) {
                 return;

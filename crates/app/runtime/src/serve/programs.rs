@@ -131,10 +131,11 @@ fn approach_text(start: &Start) -> String {
         start.approach.join("; ")
     };
     let line = start.restart.line;
+    // The status cuts what is too long: what turns and what moves comes first.
+    let (active, geometry) = (&start.restart.active, &start.restart.geometry);
     format!(
-        "{BEFORE_LINE}{line}; the approach (machine coordinates): {steps}. RESUME starts it, STOP ends the \
-         job. As after: {}",
-        start.restart.modes
+        "{BEFORE_LINE}{line}, as after: {active}; the approach (machine coordinates): {steps}. RESUME starts \
+         it, STOP ends the job. Also {geometry}"
     )
 }
 

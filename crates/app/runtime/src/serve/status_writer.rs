@@ -31,7 +31,7 @@ impl StatusWriter {
     /// Sends a snapshot if one is due, something has changed, or `is_over`.
     pub(super) fn write(
         &mut self,
-        operator: &Operator,
+        operator: &mut Operator,
         pulse: &Pulse,
         published: &(PublishReport, usize),
         now_ns: u64,
@@ -39,7 +39,19 @@ impl StatusWriter {
     ) {
         let now_mark = Mark::of(operator);
         let changed = self.mark != Some(now_mark);
-        if !changed && now_ns < self.next_ns && !is_over {
+        if !changed && !operator.message.is_unsent() && now_ns < self.next_ns && !is_over {
+            return;
+        }
+        // A publisher that lags receives everything new as soon as it has room.
+        while self.snapshots.slots() > 1
+            && let Some(text) = operator.message.take_replaced()
+        {
+            self.sequence += 1;
+            let mut status = snapshot(operator, pulse, published, self.sequence, now_ns);
+            status.set_message(&text);
+            let _sent = self.snapshots.push(Snapshot { status, event: None });
+        }
+        if self.snapshots.is_full() {
             return;
         }
         self.next_ns = now_ns + STATUS_EVERY_NS;
@@ -47,8 +59,8 @@ impl StatusWriter {
         let status = snapshot(operator, pulse, published, self.sequence, now_ns);
         let before = self.mark.filter(|_| changed);
         let event = before.map(|before| now_mark.event(before));
-        // A publisher that lags receives the next one.
-        let _full = self.snapshots.push(Snapshot { status, event });
+        let _sent = self.snapshots.push(Snapshot { status, event });
         self.mark = Some(now_mark);
+        operator.message.is_in_status();
     }
 }

@@ -27,6 +27,10 @@ pub struct Restart {
     pub actions: Vec<Action>,
     /// The active modes for display: `G1 G17 G21 G90 G94 G54 G64 F1000 S500 M3 T2 M8`.
     pub modes: String,
+    /// Of these, what turns, flows or says where and how fast the tool moves: `T2 S500 M3 M8 F1000 G54`.
+    pub active: String,
+    /// The others: `G1 G17 G21 G90 G94 G64`.
+    pub geometry: String,
     /// The active feed, mm/s; `None` if there is none or it belongs to single moves (G93).
     pub feed_mm_s: Option<f64>,
     /// The active F word as written, and whether it is in inches: a later G20 or G21 does not change the
@@ -50,6 +54,12 @@ const SLOW_APPROACH_MM: f64 = 5.0;
 const SLOW_APPROACH_FEED_MM_S: f64 = 5.0;
 
 impl Restart {
+    /// All modes for an operator, who may see the beginning only.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        format!("{} {}", self.active, self.geometry)
+    }
+
     /// The approach from the present position: along `axis` (the tool's: Z of a mill, X of a lathe) away from
     /// the work to at least `clear`, then all other axes, then along `axis` in, the last 5 mm at the active
     /// feed. `clear` is a machine coordinate in mm that is free of obstacles, such as the home position of
@@ -240,6 +250,8 @@ impl<R: BufRead> Interpreter<R> {
             position: state.position,
             actions,
             modes: state.mode_line(),
+            active: state.active_line(),
+            geometry: state.geometry_line(),
             feed_mm_s: state.feed_mm_s(),
             feed_word: state.feed_word(),
         })
@@ -414,6 +426,73 @@ impl State {
 
     /// The modes as a line of codes.
     fn mode_line(&self) -> String {
+        let mut words = self.unit_words();
+        words.push(self.system_word());
+        words.extend(self.path_words());
+        words.extend(self.feed_text());
+        // From S on, the state of the periphery.
+        words.extend(self.spindle_words());
+        words.push(format!("T{}", self.tool));
+        words.extend(self.coolant_words());
+        words.extend(self.override_words());
+        words.join(" ")
+    }
+
+    fn active_line(&self) -> String {
+        let mut words = vec![format!("T{}", self.tool)];
+        words.extend(self.spindle_words());
+        words.extend(self.coolant_words());
+        words.extend(self.feed_text());
+        words.push(self.system_word());
+        words.extend(self.override_words());
+        words.join(" ")
+    }
+
+    fn geometry_line(&self) -> String {
+        [self.unit_words(), self.path_words()].concat().join(" ")
+    }
+
+    fn system_word(&self) -> String {
+        match self.modes.work_index {
+            index @ 0..=5 => format!("G{}", 54 + index),
+            index => format!("G59.{}", index - 5),
+        }
+    }
+
+    fn feed_text(&self) -> Option<String> {
+        let (word, inches) = self.feed_word()?;
+        Some(match (inches, self.modes.inches) {
+            (true, false) => format!("F{}", word * INCH_MM),
+            (false, true) => format!("F{}", word / INCH_MM),
+            _ => format!("F{word}"),
+        })
+    }
+
+    fn coolant_words(&self) -> impl Iterator<Item = String> + use<> {
+        let codes = [(self.modes.mist, "M7"), (self.modes.flood, "M8")];
+        codes
+            .into_iter()
+            .filter(|(on, _)| *on)
+            .map(|(_, code)| code.to_owned())
+    }
+
+    fn override_words(&self) -> impl Iterator<Item = String> + use<> {
+        let modes = &self.modes;
+        let codes = [
+            (modes.feed_override, "M50 P0"),
+            (modes.spindle_override == [true; SPINDLES], "M51 P0"),
+            (modes.adaptive != Some(true), "M52 P1"),
+            (modes.adaptive != Some(false), "M52 P0"),
+            (modes.feed_stop, "M53 P0"),
+        ];
+        codes
+            .into_iter()
+            .filter(|(counts, _)| !*counts)
+            .map(|(_, code)| code.to_owned())
+    }
+
+    /// How words are read.
+    fn unit_words(&self) -> Vec<String> {
         let modes = &self.modes;
         let mut words = vec![self.motion.name().to_owned()];
         words.push(
@@ -442,10 +521,14 @@ impl State {
         if modes.feed_spindle != 0 {
             words.push(format!("${}", modes.feed_spindle));
         }
-        words.push(match modes.work_index {
-            index @ 0..=5 => format!("G{}", 54 + index),
-            index => format!("G59.{}", index - 5),
-        });
+        words
+    }
+
+    /// What changes the path besides.
+    fn path_words(&self) -> Vec<String> {
+        let modes = &self.modes;
+        let either = |yes: bool, one: &str, other: &str| (if yes { one } else { other }).to_owned();
+        let mut words = Vec::new();
         words.push(match modes.path_mode {
             PathMode::ExactPath => "G61".to_owned(),
             PathMode::ExactStop => "G61.1".to_owned(),
@@ -469,32 +552,6 @@ impl State {
         if self.g92 != Axes::zeros() {
             words.push("G92.3".to_owned());
         }
-        if let Some((word, inches)) = self.feed_word() {
-            words.push(match (inches, modes.inches) {
-                (true, false) => format!("F{}", word * INCH_MM),
-                (false, true) => format!("F{}", word / INCH_MM),
-                _ => format!("F{word}"),
-            });
-        }
-        // From S on, the state of the periphery.
-        words.extend(self.spindle_words());
-        words.push(format!("T{}", self.tool));
-        for (on, code) in [(modes.mist, "M7"), (modes.flood, "M8")] {
-            if on {
-                words.push(code.to_owned());
-            }
-        }
-        for (is_default, code) in [
-            (modes.feed_override, "M50 P0"),
-            (modes.spindle_override == [true; SPINDLES], "M51 P0"),
-            (modes.adaptive != Some(true), "M52 P1"),
-            (modes.adaptive != Some(false), "M52 P0"),
-            (modes.feed_stop, "M53 P0"),
-        ] {
-            if !is_default {
-                words.push(code.to_owned());
-            }
-        }
-        words.join(" ")
+        words
     }
 }

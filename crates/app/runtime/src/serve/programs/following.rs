@@ -28,13 +28,13 @@ impl Operator {
         let Job::Program(run) = &mut self.job else { return };
         self.program.track.receive(&run.planning.news);
         let message = &mut self.message;
-        if let Some(modal) = self.program.track.reach(&setpoint, |notice| match notice.moment {
-            _ if !notice.is_message => {}
-            Moment::Rest(_) if setpoint.state == MotionState::ProgramStop => {
-                message.tell_of_stop(&*notice.text);
+        let modal = self.program.track.reach(&setpoint, |notice| {
+            if notice.is_message {
+                let is_at_rest = matches!(notice.moment, Moment::Rest(_));
+                message.pass_on(&notice.text, &setpoint, is_at_rest);
             }
-            _ => message.tell(&*notice.text),
-        }) {
+        });
+        if let Some(modal) = modal {
             self.program.modes.modal = modal;
         }
         self.message.follow(setpoint.state);
@@ -184,7 +184,7 @@ impl Operator {
             is_done: false,
             is_cancelled: false,
         });
-        self.message.tell_of_stop(format!("{}{AT_WORK}", call.text()));
+        self.message.tell_of_wait(&format!("{}{AT_WORK}", call.text()));
     }
 
     /// If a job ends in the middle of a tool change, the tool in the spindle is unknown.
@@ -270,7 +270,7 @@ impl Operator {
                             saving: self.store.begin_change(tool as u32),
                             begun: Instant::now(),
                         });
-                        self.message.tell_of_stop(format!("{}{AT_WORK}", call.text()));
+                        self.message.tell_of_wait(&format!("{}{AT_WORK}", call.text()));
                     }
                     _ => self.carry_out_command(call, action + 1),
                 }
@@ -311,7 +311,7 @@ impl Operator {
         }
         if let Some(stop) = done {
             if self.message.text().ends_with(AT_WORK) {
-                self.message.clear();
+                self.message.end_wait();
             }
             self.order(CycleCommand::GoOn(stop));
         }
