@@ -13,10 +13,27 @@ const ERRORS: usize = 50;
 /// Maximum length of a program name, bytes: it fits into the status.
 const MAX_NAME: usize = 100;
 
-/// Whether a page may use this as a file name.
+/// Characters that change how the text around them is shown: a name with them looks like another.
+const DIRECTIONS: [std::ops::RangeInclusive<char>; 4] = [
+    '\u{200b}'..='\u{200f}',
+    '\u{2028}'..='\u{202e}',
+    '\u{2060}'..='\u{206f}',
+    '\u{feff}'..='\u{feff}',
+];
+
+/// Whether a page may use this as a file name: everything that names one file in a folder, can be read, and is
+/// not hidden. A backslash separates folders on the computers that programs come from.
 pub(crate) fn is_good_name(name: &str) -> bool {
-    let good = |letter: char| letter.is_alphanumeric() || "._- +()".contains(letter);
-    !name.is_empty() && name.len() <= MAX_NAME && !name.starts_with('.') && name.chars().all(good)
+    let is_bad = |letter: char| {
+        letter.is_control()
+            || ['/', '\\'].contains(&letter)
+            || DIRECTIONS.iter().any(|range| range.contains(&letter))
+    };
+    !name.is_empty()
+        && name.len() <= MAX_NAME
+        && !name.starts_with('.')
+        && name.trim() == name
+        && !name.contains(is_bad)
 }
 
 /// Checks a program like `evolvent check`.
@@ -116,4 +133,44 @@ pub(crate) fn work_for_minutes() {
 fn set_niceness(nice: i32) {
     // On Linux the niceness belongs to a thread and is inherited by its children.
     let _kept = rustix::process::setpriority_process(Some(rustix::thread::gettid()), nice);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_cam_programs_are_good_and_paths_are_not() {
+        for name in [
+            "part.ngc",
+            "Op#1, rough.nc",
+            "a&b.nc",
+            "50% \"fine\" <v2>?.ngc",
+            "O'Brien; 2 * 3 = $6 @ {x} [y] ~!|^`.tap",
+            "Gehäuse Größe 7.ngc",
+        ] {
+            assert!(is_good_name(name), "{name}");
+        }
+        let long = "x".repeat(MAX_NAME + 1);
+        for name in [
+            "",
+            ".",
+            "..",
+            ".part.ngc",
+            "a/b.ngc",
+            "../a.ngc",
+            "a\\b.ngc",
+            "a\0.ngc",
+            "a\nb.ngc",
+            " a.ngc",
+            "a.ngc ",
+            "a\u{7f}.ngc",
+            "a\u{85}.ngc",
+            "cgn\u{202e}.exe",
+            "\u{feff}a.ngc",
+            &long,
+        ] {
+            assert!(!is_good_name(name), "{name:?}");
+        }
+    }
 }
