@@ -22,9 +22,12 @@ pub(crate) struct Sampler {
     setpoints: VecDeque<Setpoint>,
     answers: VecDeque<Feedback>,
     loads: VecDeque<(u64, f64)>,
-    /// The last following errors and velocities, and the due time of the setpoint that they belong to.
+    /// The last figures of the drives, and the due time of the setpoint that they belong to.
     errors: [(u64, f64); AXES],
     velocities: [(u64, f64); AXES],
+    positions: [(u64, f64); AXES],
+    torques: [(u64, f64); AXES],
+    phase_error_us: (u64, f64),
     load: (u64, f64),
     /// Spindles, inputs and outputs.
     pub(crate) signals: SampledSignals,
@@ -40,6 +43,9 @@ impl Sampler {
             loads: VecDeque::new(),
             errors: [(0, f64::NAN); AXES],
             velocities: [(0, f64::NAN); AXES],
+            positions: [(0, f64::NAN); AXES],
+            torques: [(0, f64::NAN); AXES],
+            phase_error_us: (0, f64::NAN),
             load: (0, f64::NAN),
         }
     }
@@ -101,6 +107,9 @@ impl Sampler {
             let answer = SampleAnswer {
                 following_error: &self.errors.map(fresh),
                 velocity: &self.velocities.map(fresh),
+                position: &self.positions.map(fresh),
+                torque: &self.torques.map(fresh),
+                phase_error_us: fresh(self.phase_error_us),
                 load: fresh(self.load),
                 signals: self.signals.at(setpoint.sequence, setpoint.due_time_ns),
             };
@@ -122,7 +131,10 @@ impl Sampler {
             for axis in (0..AXES).filter(|axis| answer.axes_mask >> axis & 1 == 1) {
                 self.errors[axis] = (setpoint.due_time_ns, answer.following_error[axis]);
                 self.velocities[axis] = (setpoint.due_time_ns, answer.velocity[axis]);
+                self.positions[axis] = (setpoint.due_time_ns, answer.position[axis]);
+                self.torques[axis] = (setpoint.due_time_ns, answer.torque_ratio[axis]);
             }
+            self.phase_error_us = (setpoint.due_time_ns, answer.phase_error_ns as f64 * 1e-3);
         }
         while self
             .loads
@@ -153,6 +165,8 @@ mod tests {
             ..Feedback::default()
         };
         (answer.following_error[0], answer.velocity[0]) = (error, -error);
+        (answer.position[0], answer.torque_ratio[0]) = (2.0 * error, 0.5 * error);
+        answer.phase_error_ns = 1000 * error as i64;
         answer
     }
 
@@ -176,6 +190,11 @@ mod tests {
             let time = f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
             let (error, velocity) = (float(at + 24 + 108), float(at + 24 + 148));
             assert!(velocity == -error || velocity.is_nan() && error.is_nan());
+            let (position, torque, phase) =
+                (float(at + 24 + 184), float(at + 24 + 220), float(at + 24 + 256));
+            assert!(position == 2.0 * error || position.is_nan() && error.is_nan());
+            assert!(torque == 0.5 * error || torque.is_nan() && error.is_nan());
+            assert!(phase == error.trunc() || phase.is_nan() && error.is_nan());
             (
                 time,
                 float(at + 24 + 108),

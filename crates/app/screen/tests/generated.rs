@@ -4,6 +4,7 @@ use std::path::Path;
 
 use evolvent_control::{Alarm, AlarmKind};
 use evolvent_screen::messages::{FromPage, RestartInfo, ToPage, TraceEntry, TraceJob};
+use evolvent_wire::COMMANDS;
 use ts_rs::{Config, TS};
 
 /// `EVOLVENT_WRITE=1` regenerates them.
@@ -20,6 +21,7 @@ fn the_generated_types_match() {
     RestartInfo::export_all(&config).unwrap();
     TraceJob::export_all(&config).unwrap();
     write_numbers(target);
+    write_commands(target);
     let list = |folder: &Path| {
         let mut files: Vec<(String, String)> = std::fs::read_dir(folder)
             .unwrap()
@@ -64,4 +66,16 @@ fn write_numbers(folder: &Path) {
         );
         assert!(std::fs::write(folder.join(format!("{name}.ts")), text).is_ok());
     }
+}
+
+/// The page has no number of a command of its own: a name without one does not compile.
+fn write_commands(folder: &Path) {
+    let lines: String = COMMANDS
+        .iter()
+        .map(|(name, number)| format!("  {}: {number},\n", name.to_lowercase()))
+        .collect();
+    let text = format!(
+        "// This file is written by the test of the generated types.\n\n/** Commands by their numbers on the bus. */\nexport const COMMANDS = {{\n{lines}}} as const;\n"
+    );
+    assert!(std::fs::write(folder.join("Commands.ts"), text).is_ok());
 }

@@ -101,6 +101,9 @@ fn binary_messages_have_their_layout() {
     let answer = SampleAnswer {
         following_error: &errors,
         velocity: &velocity,
+        position: &[1.5; 9],
+        torque: &[0.75; 9],
+        phase_error_us: -12.5,
         load: 1500.0,
         signals: &[800.0, 790.5, 270.0, 1.0],
     };
@@ -115,6 +118,9 @@ fn binary_messages_have_their_layout() {
     assert_eq!(bytes[at..at + 4], 0.25_f32.to_le_bytes());
     assert_eq!(bytes[at + 4..at + 8], 1500.0_f32.to_le_bytes());
     assert_eq!(bytes[at + 8..at + 12], 2.5_f32.to_le_bytes());
+    assert_eq!(bytes[at + 44..at + 48], 1.5_f32.to_le_bytes());
+    assert_eq!(bytes[at + 80..at + 84], 0.75_f32.to_le_bytes());
+    assert_eq!(bytes[at + 116..at + 120], (-12.5_f32).to_le_bytes());
     assert_eq!(bytes[SAMPLE_BYTES..SAMPLE_BYTES + 4], 800.0_f32.to_le_bytes());
     assert_eq!(bytes[SAMPLE_BYTES + 12..], 1.0_f32.to_le_bytes());
 

@@ -8,7 +8,14 @@ import type { Machine, ProgramInfo, Status } from './model';
 export interface Advice {
   text: string;
   tone: 'calm' | 'ask' | 'bad';
+  /** the same in a word or two */
+  word: string;
+  /** of the machine: what only a program lacks is none of its */
+  wordTone: 'calm' | 'ask' | 'bad';
 }
+
+/** What `word` and `text` say of it must be from the same moment: one function makes both. */
+type Said = Pick<Advice, 'text' | 'tone'>;
 
 export interface AdviceInputs {
   connected: boolean;
@@ -23,7 +30,29 @@ export interface AdviceInputs {
   message: string;
 }
 
-export function advise(texts: Texts, { connected, loss, coreAlive, machine, status, program, isOtherProgram, message }: AdviceInputs): Advice {
+export function advise(texts: Texts, inputs: AdviceInputs): Advice {
+  const { status } = inputs;
+  const said = sentence(texts, inputs);
+  const isKnown = inputs.connected && inputs.coreAlive && status !== null && inputs.machine !== null;
+  const word = isKnown ? wordOf(texts, status) : texts.state.unknown;
+  const isReady = isKnown && status.machineState === 'on' && status.activity === 'none' && status.alarms.length === 0;
+  return { ...said, word, wordTone: isReady && said.tone === 'bad' ? 'calm' : said.tone };
+}
+
+/** The program or block has begun, or is over, while nothing of it moves. */
+function isBetween(status: Status): boolean {
+  return ['idle', 'done', 'stopped', 'fault'].includes(status.state);
+}
+
+function wordOf(texts: Texts, status: Status): string {
+  if (status.machineState !== 'on') return texts.state[status.machineState];
+  if (status.activity === 'none') return texts.state.ready;
+  if (status.state === 'running' || status.state === 'dwell') return texts.activity[status.activity];
+  // A job that still has the axes is not ready.
+  return isBetween(status) ? texts.activity[status.activity] : texts.runState[status.state];
+}
+
+function sentence(texts: Texts, { connected, loss, coreAlive, machine, status, program, isOtherProgram, message }: AdviceInputs): Said {
   const a = texts.advice;
   if (!connected) return { text: a.noServer[loss ?? 'closed'], tone: 'bad' };
   if (!coreAlive || status === null || machine === null) return { text: a.noCore, tone: 'bad' };
@@ -43,6 +72,7 @@ export function advise(texts: Texts, { connected, loss, coreAlive, machine, stat
     if (status.state === 'program_stop') return { text: message || a.programStop, tone: 'ask' };
     if (status.state === 'held' || status.hold) return { text: a.held, tone: 'ask' };
     if (status.inputWait) return { text: a.inputWait, tone: 'calm' };
+    if (isBetween(status)) return { text: status.state === 'idle' ? a.starting : a.ending, tone: 'calm' };
     return { text: a.running(status.line), tone: 'calm' };
   }
   const unhomed = machine.axes.filter((_, index) => !status.homed[index]).map((axis) => axis.letter);

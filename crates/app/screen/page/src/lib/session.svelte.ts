@@ -41,6 +41,9 @@ export class History {
   readonly acceleration: Float32Array[];
   readonly error: Float32Array[];
   readonly actualVelocity: Float32Array[];
+  readonly actualPosition: Float32Array[];
+  readonly torque: Float32Array[];
+  readonly phaseError: Float32Array;
   /** change of the acceleration since the setpoint before */
   readonly jerk: Float32Array[];
   /** of each spindle: commanded and measured speed, angle */
@@ -74,6 +77,9 @@ export class History {
     this.error = list();
     this.zero = list();
     this.actualVelocity = list();
+    this.actualPosition = list();
+    this.torque = list();
+    this.phaseError = new Float32Array(capacity);
     this.jerk = list();
     this.spindles = list(3 * spindles);
     this.signals = list(signals);
@@ -89,9 +95,9 @@ export class History {
     const copy = new History(this.axes, Math.max(1, capacity), this.spindles.length / 3, this.signals.length);
     const begin = Math.max(0, end - copy.capacity, this.count - this.capacity);
     const lists = (history: History): (Float64Array | Float32Array | Uint32Array | Uint8Array)[] => [
-      history.time, history.line, history.rapid, history.gap, history.feed, history.load, history.lateness,
+      history.time, history.line, history.rapid, history.gap, history.feed, history.load, history.lateness, history.phaseError,
       ...history.position, ...history.velocity, ...history.acceleration, ...history.error, ...history.zero,
-      ...history.actualVelocity, ...history.jerk, ...history.spindles, ...history.signals,
+      ...history.actualVelocity, ...history.actualPosition, ...history.torque, ...history.jerk, ...history.spindles, ...history.signals,
     ];
     const [from, to] = [lists(this), lists(copy)];
     for (let i = begin; i < end; i += 1) {
@@ -109,6 +115,7 @@ export class History {
     this.rapid[at] = sample.rapid ? 1 : 0;
     this.feed[at] = sample.feed;
     this.load[at] = sample.load ?? NaN;
+    this.phaseError[at] = sample.phaseError ?? NaN;
     this.lateness[at] = (status?.latenessNs ?? 0) / 1000;
     const before = this.count > 0 ? (this.count - 1) % this.capacity : -1;
     const step = before < 0 ? NaN : sample.time - this.time[before]!;
@@ -127,6 +134,8 @@ export class History {
       this.acceleration[axis]![at] = sample.acceleration[axis] ?? NaN;
       this.error[axis]![at] = sample.error?.[axis] ?? NaN;
       this.actualVelocity[axis]![at] = sample.actualVelocity?.[axis] ?? NaN;
+      this.actualPosition[axis]![at] = sample.actualPosition?.[axis] ?? NaN;
+      this.torque[axis]![at] = sample.torque?.[axis] ?? NaN;
       this.jerk[axis]![at] = isNext ? (this.acceleration[axis]![at]! - this.acceleration[axis]![before]!) / step : NaN;
       this.zero[axis]![at] = (status?.workOffset[axis] ?? 0) + (status?.toolOffset[axis] ?? 0);
     }
@@ -190,6 +199,11 @@ class Session {
   /** Whether a command from this page has a chance: the controls are off otherwise. */
   get mayCommand(): boolean {
     return this.connected && this.coreAlive && this.lease.mine && !this.lease.readOnly;
+  }
+
+  /** Whether this page may stop the machine: every page may, unless it can only watch. */
+  get mayStop(): boolean {
+    return !this.lease.readOnly;
   }
 
   /** The core has loaded a program, and it is not the one that is shown. */
@@ -279,6 +293,16 @@ class Session {
       if (!answer.accepted) return false;
     }
     return true;
+  }
+
+  /** Confirms that the tool for which the machine waits is in the spindle, and continues; `tool` is what the operator was told to put there. */
+  async confirmTool(tool: number): Promise<boolean> {
+    // The newest status, drawn or not: a press is for the tool that was seen.
+    const now = this.#seen;
+    if (now?.toolChange === 'operator' && now.toolWanted === tool) return this.sendAll([{ name: 'resume' }]);
+    const text = settings.texts.actions.notWanted(tool, now?.toolChange === 'operator' ? now.toolWanted : null);
+    this.rejection = { accepted: false, alarm: 0, text };
+    return false;
   }
 
   /** Commands that belong to a mode change it first, as `evolvent ctl` does. */

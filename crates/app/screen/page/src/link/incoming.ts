@@ -16,6 +16,11 @@ export interface Sample {
   load: number | null;
   /** what the drives measured */
   actualVelocity?: ArrayLike<number> | null;
+  actualPosition?: ArrayLike<number> | null;
+  /** torque or force as a ratio of the drive's rated value */
+  torque?: ArrayLike<number> | null;
+  /** time of the drives' clock minus time of the setpoint, µs */
+  phaseError?: number | null;
   /** of each spindle: commanded and measured speed, rpm, and angle, degrees */
   spindles?: ArrayLike<number> | null;
   /** inputs, then outputs of the machine */

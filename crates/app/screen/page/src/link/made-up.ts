@@ -132,7 +132,7 @@ export class MadeUp implements Source {
     this.#handle({
       kind: 'samples',
       samples: [{ time: this.#time / 1000, line: s.line, rapid: false, feed: s.feed, position: s.machine, velocity: s.velocity, acceleration: [0, 0, 0], error: null, load: null,
-        actualVelocity: s.velocity.map((value) => 0.99 * value), spindles: [s.spindleRpm, 0.98 * s.spindleRpm, (s.time * 6 * s.spindleRpm) % 360],
+        actualVelocity: s.velocity.map((value) => 0.99 * value), actualPosition: s.machine.map((value) => value - 0.01), torque: s.velocity.map((value) => value / 1000), phaseError: -2.5, spindles: [s.spindleRpm, 0.98 * s.spindleRpm, (s.time * 6 * s.spindleRpm) % 360],
         signals: [Math.floor(s.time) % 2, 6.25 + Math.sin(s.time), NaN, ...this.#outputs] }],
     });
   }
@@ -201,7 +201,7 @@ export class MadeUp implements Source {
       case 'hold': Object.assign(s, { hold: true, state: 'held', feed: 0, retraceBlocks: 3 }); break;
       case 'resume':
         if (s.awayParts > 0) return reject(932, 'the axes are away from the held program');
-        Object.assign(s, { hold: false, state: 'running' });
+        Object.assign(s, { hold: false, state: 'running', toolChange: 'none' });
         break;
       case 'stop': this.#end(); s.hold = false; break;
       case 'feed_override': s.override = command.ratio; break;

@@ -19,9 +19,9 @@ const RAPID = 8;
 const ALIVE_MS = 500;
 /**
  * A sample: time f64, line u32, flags u32, feed f64, then position, velocity, acceleration and following error of nine axes, the
- * load, the measured velocity of nine axes, three figures of each spindle, and inputs and outputs, f32.
+ * load, measured velocity, actual position and torque of nine axes, the phase error, three figures of each spindle, and inputs and outputs, f32.
  */
-const [FIRST_VALUE, FIRST_OF_SPINDLES] = [24, 46];
+const [FIRST_VALUE, FIRST_OF_SPINDLES] = [24, 65];
 
 function finding({ line, column, length, code, message, help, file }: ServerFinding): Finding {
   return { line, column, length, code, message, help, file: file ?? null };
@@ -306,6 +306,9 @@ export class Server implements Source {
         error: list(27),
         load: view.getFloat32(at + FIRST_VALUE + 4 * 36, true),
         actualVelocity: list(37),
+        actualPosition: list(46),
+        torque: list(55),
+        phaseError: view.getFloat32(at + FIRST_VALUE + 4 * 64, true),
         spindles: row(FIRST_OF_SPINDLES, spindles),
         signals: row(FIRST_OF_SPINDLES + spindles, signals),
       });

@@ -3,8 +3,8 @@ import { parseNumber } from '../lib/format';
 import { session, type History } from '../lib/session.svelte';
 import { firstAt, type Span } from './envelope';
 
-const PER_AXIS = ['position', 'velocity', 'actualVelocity', 'acceleration', 'jerk', 'error'] as const;
-const SINGLE = ['feed', 'load', 'lateness'] as const;
+const PER_AXIS = ['position', 'actualPosition', 'velocity', 'actualVelocity', 'acceleration', 'jerk', 'error', 'torque'] as const;
+const SINGLE = ['feed', 'load', 'phaseError', 'lateness'] as const;
 const OF_SIGNALS = ['spindleSpeed', 'spindleAngle', 'digital', 'analog'] as const;
 type PerAxis = (typeof PER_AXIS)[number];
 type Single = (typeof SINGLE)[number];

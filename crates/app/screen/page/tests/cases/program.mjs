@@ -103,9 +103,9 @@ onMachine('a tool change asks for the tool, and goes on when it is confirmed', a
   await upload(page, 'tools.ngc', 'G21 G90 G94\nG1 X1 F1000\nT3 M6\nG1 X2\nM2\n');
   await until('checked', async () => (await text(page, 'findings-button')) === 'no errors' || text(page, 'findings-button'), 20_000);
   await page.locator(at('start')).click();
-  await until('asked', async () => /Put tool 3 into the spindle, then press “Resume”/.test(await text(page, 'advice')) || text(page, 'advice'));
+  await until('asked', async () => /Put tool 3 into the spindle, then press “T3 loaded”/.test(await text(page, 'advice')) || text(page, 'advice'));
   assert.doesNotMatch(await text(page, 'tool'), /T3/, 'not before it is confirmed');
-  await page.locator(`${at('resume')}:enabled`).click();
+  await page.locator(`${at('loaded')}:enabled`).click();
   await until('done', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'), 20_000);
   assert.match(await text(page, 'tool'), /T3/);
   // Back, so that the next case finds what it expects.
@@ -398,7 +398,7 @@ onMachine('starting at a line waits with the way there, which is gone on resume'
   const told = page.locator(at('run-from-way'));
   await until('the way', async () => /Z/.test(await told.locator('ol').innerText().catch(() => '')) || told.innerText());
   const text_of_way = await told.innerText();
-  assert.match(text_of_way, /G1 [\s\S]*F3000/);
+  assert.match(text_of_way, /F3000 [\s\S]*G1 /);
   assert.ok(text_of_way.includes(`X${x.toFixed(3)} Y${(y + 20).toFixed(3)}`), text_of_way);
   assert.ok((await told.locator('li').count()) >= 3, await told.innerText());
   assert.equal(await text(page, 'state'), 'Ready', 'nothing has begun');
@@ -425,4 +425,40 @@ onMachine('dropping a file uploads it, and switches of the program take effect',
     await page.locator(at(name)).click();
     await until(`${name} back`, async () => (await page.locator(at(name)).getAttribute('aria-pressed')) === before);
   }
+});
+
+onMadeUp('a tool is confirmed for the tool that was asked for, and by a press of its own', async (page) => {
+  await ready(page);
+  const change = (to) => page.evaluate((changes) => globalThis.changeMadeUp(changes), to);
+  const resumes = () => page.evaluate(() => globalThis.madeUpCommands.filter((name) => name === 'resume').length);
+  const wait = (tool) => change({ activity: 'program', state: 'program_stop', toolChange: 'operator', toolWanted: tool });
+  await wait(7);
+  await page.locator(`${at('loaded')}:enabled`).waitFor();
+  assert.match(await text(page, 'loaded'), /T7 loaded/);
+  assert.match(await text(page, 'advice'), /Put tool 7 into the spindle, then press “T7 loaded”/);
+  assert.equal(await page.locator(at('resume')).count(), 0);
+  await page.locator(at('loaded')).click();
+  await until('it goes on', async () => (await text(page, 'state')) === 'Program' || text(page, 'state'));
+  assert.equal(await resumes(), 1);
+  // Meanwhile the machine waits for another tool: the newest status counts, drawn or not.
+  await wait(7);
+  await page.locator(`${at('loaded')}:enabled`).waitFor();
+  await page.evaluate(async (name) => {
+    const { session } = await import('/src/lib/session.svelte.ts');
+    globalThis.tellMadeUp({ kind: 'status', status: { ...session.status, toolWanted: 8 } });
+    document.querySelector(name).click();
+  }, at('loaded'));
+  assert.match(await text(page, 'rejection'), /waits for tool 8 now, not for tool 7/);
+  assert.equal(await resumes(), 1);
+  // A second press on Resume must not confirm the tool of the change that it leads to.
+  await change({ toolChange: 'none', state: 'program_stop' });
+  await page.locator(`${at('resume')}:enabled`).waitFor();
+  const box = await page.locator(at('resume')).boundingBox();
+  await wait(9);
+  await page.locator(at('loaded')).waitFor();
+  await page.mouse.click(box.x + box.width / 2, box.y + box.height / 2);
+  await page.waitForTimeout(100);
+  assert.equal(await resumes(), 1);
+  await wait(0);
+  await until('an empty spindle', async () => /No tool/.test(await text(page, 'loaded')) || text(page, 'loaded'));
 });

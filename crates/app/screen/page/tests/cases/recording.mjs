@@ -1,7 +1,7 @@
 // Recorded runs.
 import assert from 'node:assert/strict';
 import { at, number, ready, square, text, until, upload, view } from '../operator.mjs';
-import { onMachine } from '../case.mjs';
+import { onMachine, onMadeUp } from '../case.mjs';
 
 onMachine('time, line and point of the path of a recorded run lead to each other', async (page) => {
   await ready(page);
@@ -68,4 +68,28 @@ onMachine('time, line and point of the path of a recorded run lead to each other
   assert.match(found, /the programs differ|same path|differ by/);
   // A line that is another one in B shows both texts.
   assert.match(await page.locator(at('compare-b-text')).first().innerText(), /^B: .*F6000/);
+});
+
+onMadeUp('while a report is computed its frame says so', async (page) => {
+  const trace = { name: 'a.mcap', program: 'a.ngc', is_open: false, started: 0, modified: 1, duration_s: 1, bytes: 1, problem: '' };
+  await page.route('**/traces', (route) => route.fulfill({ json: [trace, { ...trace, name: 'b.mcap' }] }));
+  await page.route('**/traces/*/data', (route) => route.fulfill({ status: 404, body: 'made up' }));
+  let answer = () => {};
+  await page.route('**/traces/*/report', async (route) => {
+    await new Promise((resolve) => (answer = resolve));
+    await route.fulfill({ body: '<p>made up</p>', contentType: 'text/html' });
+  });
+  await view(page, 'traces');
+  for (const index of [0, 1]) {
+    await page.locator(at('traces-list')).click();
+    await page.locator(at('trace-list')).locator('button').nth(index).click();
+    await page.locator(at('traces-report')).click();
+    await until('its text', async () => (await text(page, 'report-computing')) === 'The report is being computed …');
+    await page.waitForTimeout(300);
+    assert.equal(await page.locator(at('report-computing')).isVisible(), true);
+    answer();
+    await page.locator(at('report-computing')).waitFor({ state: 'detached' });
+    assert.equal(await page.locator(at('trace-report')).isVisible(), true);
+    await page.frameLocator(at('trace-report')).getByText('made up').waitFor();
+  }
 });

@@ -2,7 +2,7 @@
 import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 import { at, number, press, ready, until, view } from '../operator.mjs';
-import { anywhere, onMadeUp } from '../case.mjs';
+import { anywhere, onMachine, onMadeUp } from '../case.mjs';
 
 onMadeUp('an envelope keeps every peak, and few samples whole', async (page) => {
   const found = await page.evaluate(async () => {
@@ -154,7 +154,7 @@ onMadeUp('the scope keeps what it shows: a picture that stands, its trigger and 
   assert.deepEqual((await shown())[0], before[0]);
 });
 
-onMadeUp('the scope shows actual velocity, jerk, spindles, inputs and outputs, and a picture that stands keeps them at full rate', async (page) => {
+onMadeUp('the scope shows what drives report, jerk, spindles, inputs and outputs, and a picture that stands keeps them at full rate', async (page) => {
   await ready(page);
   // Quiet: the only samples are these, of a setpoint each millisecond; one is missing.
   await page.evaluate(async () => {
@@ -166,7 +166,7 @@ onMadeUp('the scope shows actual velocity, jerk, spindles, inputs and outputs, a
       if (i === 2500) continue;
       samples.push({
         time: 1000 + i / 1000, line: 1, rapid: false, feed: 0, position: [0, 0, 0], velocity: [10, 0, 0], acceleration: [2 * i, 0, 0], error: null, load: null,
-        actualVelocity: [9.5, 0, 0], spindles: [800, 790 + (i % 10), (i * 4.8) % 360], signals: [i % 1000 < 500 ? 1 : 0, 6.25, NaN, 1, 0, 2.5],
+        actualVelocity: [9.5, 0, 0], actualPosition: [0.25, -0.5, 0], torque: [0.75, 0, -0.5], phaseError: -2.5, spindles: [800, 790 + (i % 10), (i * 4.8) % 360], signals: [i % 1000 < 500 ? 1 : 0, 6.25, NaN, 1, 0, 2.5],
       });
     }
     globalThis.tellMadeUp({ kind: 'samples', samples });
@@ -194,6 +194,15 @@ onMadeUp('the scope shows actual velocity, jerk, spindles, inputs and outputs, a
   const [heading, actual] = await table('actualVelocity');
   assert.equal(heading, 'time_s,line,X_actualVelocity_mm_s,Y_actualVelocity_mm_s,Z_actualVelocity_mm_s');
   assert.deepEqual(actual[7], [9.5, 0, 0]);
+  const [places, place] = await table('actualPosition');
+  assert.equal(places, 'time_s,line,X_actualPosition_mm,Y_actualPosition_mm,Z_actualPosition_mm');
+  assert.deepEqual(place[7], [0.25, -0.5, 0]);
+  const [torques, torque] = await table('torque');
+  assert.equal(torques, 'time_s,line,X_torque,Y_torque,Z_torque');
+  assert.deepEqual(torque[7], [0.75, 0, -0.5]);
+  const [phases, phase] = await table('phaseError');
+  assert.equal(phases, 'time_s,line,phaseError_us');
+  assert.deepEqual(phase[7], [-2.5]);
   const [, jerk] = await table('jerk');
   assert.equal(jerk[0][0], null, 'none before the first');
   assert.ok(Math.abs(jerk[100][0] - 2000) < 2, String(jerk[100][0]));
@@ -272,4 +281,26 @@ anywhere('the scope stops at its trigger, shows every sample then, and exports t
   }
   await page.locator(at('scope-pause')).click();
   await until('live again', async () => !(await paused()));
+});
+
+onMachine('the scope has actual position, torque and phase error of the drives', async (page) => {
+  await ready(page);
+  await view(page, 'jog');
+  await page.locator(at('increment-1')).click();
+  await page.locator(at('jog-X-plus')).click();
+  await view(page, 'scope');
+  await page.locator(at('scope-seconds')).selectOption('1');
+  const table = async (name) => {
+    await page.locator(at('scope-quantity')).selectOption(name);
+    await page.waitForTimeout(1500);
+    const [download] = await Promise.all([page.waitForEvent('download'), page.locator(at('scope-export')).click()]);
+    const [, ...rows] = readFileSync(await download.path(), 'utf8').trim().split('\n');
+    return rows.map((row) => row.split(',').slice(2)).at(-1);
+  };
+  const [commanded, actual] = [await table('position'), await table('actualPosition')];
+  for (const axis of [0, 1, 2]) assert.ok(actual[axis] !== '' && Math.abs(Number(actual[axis]) - Number(commanded[axis])) < 0.05, `${commanded}; ${actual}`);
+  for (const name of ['torque', 'phaseError']) {
+    const row = await table(name);
+    assert.ok(row.every((value) => value !== '' && Number.isFinite(Number(value))), `${name}: ${row}`);
+  }
 });
