@@ -2,7 +2,7 @@
 //! threads.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use evolvent_tests::{
     Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, angles, cycles, evolvent, phases,
@@ -174,20 +174,8 @@ fn a_hold_in_a_pass_acts_after_it() {
             "G21 G18 G90 G8\nS600 M3\nG0 X15 Z5\nG33 Z-25 K1.5\nG0 X20\nG0 Z5\nG0 X15\nG33 Z-25 K1.5\n\
              G0 X20\nM5\nM2\n",
         );
-        let trace = workshop.path("served.mcap");
-        let to = trace.display().to_string();
-        let served = Served::start(
-            &machine,
-            "threader",
-            &domain,
-            &workshop.path("state"),
-            &["--trace", &to],
-        );
-        let mut operator = Operator::join("threader", &domain);
-        operator.brings_up();
-        operator.says_number("MODE", 0);
-        operator.says_text("LOAD", program.to_str().expect("a path"));
-        let job = operator.says("START").job;
+        let (served, mut operator, trace) = serve(&machine, &workshop, &domain);
+        let job = starts(&mut operator, &program);
         operator.waits("the pass", |status| {
             status.line == 4 && status.position_machine[Z] < 0.0
         });
@@ -210,6 +198,24 @@ fn a_hold_in_a_pass_acts_after_it() {
     });
 }
 
+/// Serves the lathe with a trace, and brings it up.
+fn serve(machine: &Path, workshop: &Workshop, domain: &Domain) -> (Served, Operator, PathBuf) {
+    let trace = workshop.path("served.mcap");
+    let to = trace.display().to_string();
+    let state = workshop.path("state");
+    let served = Served::start(machine, "threader", domain, &state, &["--trace", &to]);
+    let mut operator = Operator::join("threader", domain);
+    operator.brings_up();
+    (served, operator, trace)
+}
+
+/// Loads a program and starts it. Returns its job.
+fn starts(operator: &mut Operator, program: &Path) -> u64 {
+    operator.says_number("MODE", 0);
+    operator.says_text("LOAD", program.to_str().expect("a path"));
+    operator.says("START").job
+}
+
 /// STOP in a tap orders the spindle off, and the axes follow it until it stops.
 #[test]
 fn a_stopped_tap_stops_with_its_spindle() {
@@ -221,20 +227,8 @@ fn a_stopped_tap_stops_with_its_spindle() {
             "tap.ngc",
             "G21 G18 G90 G8\nS600 M3\nG0 X0 Z5\nG33.1 Z-40 K1\nG0 X20\nM5\nM2\n",
         );
-        let trace = workshop.path("served.mcap");
-        let to = trace.display().to_string();
-        let served = Served::start(
-            &machine,
-            "threader",
-            &domain,
-            &workshop.path("state"),
-            &["--trace", &to],
-        );
-        let mut operator = Operator::join("threader", &domain);
-        operator.brings_up();
-        operator.says_number("MODE", 0);
-        operator.says_text("LOAD", program.to_str().expect("a path"));
-        let job = operator.says("START").job;
+        let (served, mut operator, trace) = serve(&machine, &workshop, &domain);
+        let job = starts(&mut operator, &program);
         operator.waits("the tap", |status| {
             status.line == 4 && status.position_machine[Z] < -10.0
         });
@@ -345,7 +339,7 @@ fn the_last_cycle_of_a_thread_is_exactly_at_its_end() {
 
 /// The groove of each pass towards negative Z, as a fraction of a turn, and its variation within the pass, in
 /// turns. With the virtual clock no sample contains the angle: between commands the spindle turns evenly.
-fn grooves(trace: &std::path::Path, turns_per_s: f64, pitch: f64) -> Vec<(f64, f64)> {
+fn grooves(trace: &Path, turns_per_s: f64, pitch: f64) -> Vec<(f64, f64)> {
     let mut found: Vec<(f64, f64)> = Vec::new();
     let mut last = 0;
     for cycle in cycles(trace) {
