@@ -71,6 +71,12 @@ fn lines_of_other_dialects_name_their_replacement() {
         ),
         ("G80\nX5\nG0 X1\n", 2, "no motion mode", "G80 ends"),
         ("F100\nG9 G1 X5\n", 2, "exact stop for one line", "G61.1"),
+        (
+            "G53 G90 G91.1 G40\nG0 X1\n",
+            1,
+            "G53 needs G0 or G1",
+            "delete G53 if the line moves nothing",
+        ),
         ("G44 H1\nG0 X1\n", 1, "subtracted", "write G43"),
         ("G27 X0\nG0 X1\n", 1, "check of the reference", "delete"),
         ("G29 X0\nG0 X1\n", 1, "return from the reference", "G0 Z"),

@@ -3,7 +3,8 @@
 //! `tests/programs/NAME.ngc` is a program, `NAME.canon` the output of `rs274 -g` for it: one event per line,
 //! and after ` | ` the tolerance of its numbers, because rs274 prints four decimals of the active unit.
 //! Errors are equal if both interpreters reject the same line and all events before it are equal; rs274 may
-//! have executed part of the rejected line. `known.txt` lists the programs that differ, and why;
+//! have executed part of the rejected line. `post-NAME.ngc` are written as the post-processors of Fusion, FreeCAD, Vectric,
+//! SheetCAM, pcb2gcode and programmers of Fanuc's controls write. `known.txt` lists the programs that differ, and why;
 //! `earlier.txt` those that are rejected here at an earlier line.
 
 #[path = "common/canon.rs"]

@@ -140,7 +140,7 @@ impl Executor<'_> {
             let span = line.group_span(Group::NonModal);
             return Err(
                 Fault::new(Code::MachineCoordinatesMotion, span, "G53 needs G0 or G1")
-                    .help("write G53 G0 X.. or G53 G1 X.. on one line"),
+                    .help("write G53 G0 X.. or G53 G1 X.. on one line; delete G53 if the line moves nothing"),
             );
         }
         self.stop();
