@@ -92,7 +92,8 @@ async function mill() {
   await view(page, 'path');
   const wide = await open(service.url, 1920, 1080, 'de', 'dark');
   await view(wide, 'program');
-  await sleep(4000);
+  // A browser that draws by software compiles for seconds before the path is there.
+  await sleep(10_000);
   await shoot(wide, 'wide');
   await wide.context().close();
   // Held, and left by a jog.

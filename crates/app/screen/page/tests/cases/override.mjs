@@ -1,7 +1,7 @@
 // Overrides.
 import assert from 'node:assert/strict';
 import { at, ready, takeControl, text, until } from '../operator.mjs';
-import { anywhere } from '../case.mjs';
+import { anywhere, onMadeUp } from '../case.mjs';
 
 anywhere('overrides take effect and go back to 100 %', async (page) => {
   await takeControl(page);
@@ -51,4 +51,14 @@ anywhere('an override takes any whole percent that its range has', async (page) 
   assert.equal(await page.locator(at('spindle_override-exact')).getAttribute('aria-invalid'), 'true', 'below the least');
   await page.locator(at('feed_override')).click();
   await reads('100 %');
+});
+
+onMadeUp('a feed that no block programs is no 0', async (page) => {
+  await ready(page);
+  const reads = (wanted) => until(wanted, async () => (await text(page, 'feed')) === wanted || text(page, 'feed'));
+  // A jog, or a cycle of a lathe that chooses its feed by the load.
+  await page.evaluate(() => globalThis.changeMadeUp({ feed: 2, feedProgrammed: 0 }));
+  await reads('120 / – mm/min');
+  await page.evaluate(() => globalThis.changeMadeUp({ feed: 2, feedProgrammed: 3 }));
+  await reads('120 / 180 mm/min');
 });
