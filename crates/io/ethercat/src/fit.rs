@@ -302,6 +302,21 @@ pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
             ));
         }
     }
+    for device in &network.devices {
+        let is_drive = device.axis.is_some() || device.spindle.is_some();
+        let brake = device.outputs.iter().find(|output| output.channel.bit == 0);
+        if let Some(output) = brake.filter(|_| is_drive) {
+            let what = match &output.source {
+                OutputSource::Named(name) => format!("the output `{name}`"),
+                OutputSource::Function(..) => "an output".to_owned(),
+            };
+            notes.push(format!(
+                "device `{}`: {what} is bit 0 of 60FEh, which CiA 402 gives to the holding brake: the drive \
+                 no longer sets it by itself; see its manual for which state releases it",
+                device.name
+            ));
+        }
+    }
     for listed in &machine.signals.spindles {
         let number = listed.number;
         let mut drives = network.devices.iter().filter_map(|device| device.spindle);

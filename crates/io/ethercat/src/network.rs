@@ -135,6 +135,7 @@ impl NetworkAxis {
             following_error: self.following_error,
             touch_probe: self.touch_probe,
             index_probe: self.index_probe,
+            digital_outputs: false,
         }
     }
 }

@@ -21,6 +21,10 @@ impl Mapped {
         }
     }
 
+    const fn of_sub_index(self, sub_index: u8) -> Self {
+        Self { sub_index, ..self }
+    }
+
     /// As in objects 1600h and 1A00h.
     pub(crate) const fn number(self) -> u32 {
         (self.index as u32) << 16 | (self.sub_index as u32) << 8 | self.bits as u32
@@ -49,6 +53,8 @@ const VELOCITY_OFFSET: Mapped = Mapped::new(0x60B1, 32);
 const TORQUE_OFFSET: Mapped = Mapped::new(0x60B2, 16);
 const ERROR_CODE: Mapped = Mapped::new(0x603F, 16);
 const DIGITAL_INPUTS: Mapped = Mapped::new(0x60FD, 32);
+pub(crate) const PHYSICAL_OUTPUTS: Mapped = Mapped::new(0x60FE, 32).of_sub_index(1);
+pub(crate) const OUTPUT_MASK: Mapped = Mapped::new(0x60FE, 32).of_sub_index(2);
 const TORQUE: Mapped = Mapped::new(0x6077, 16);
 const FOLLOWING_ERROR: Mapped = Mapped::new(0x60F4, 32);
 const PROBE_FUNCTION: Mapped = Mapped::new(0x60B8, 16);
@@ -93,6 +99,8 @@ pub(crate) struct Extras {
     pub(crate) touch_probe: bool,
     /// The touch probe that latches the zero impulse.
     pub(crate) index_probe: Option<ProbeNumber>,
+    /// Outputs of the machine are bits of 60FEh.
+    pub(crate) digital_outputs: bool,
 }
 
 impl Extras {
@@ -117,6 +125,7 @@ pub(crate) fn wanted_outputs(extras: Extras) -> Vec<Mapped> {
     wanted.extend(extras.velocity_offset.then_some(VELOCITY_OFFSET));
     wanted.extend(extras.torque_offset.then_some(TORQUE_OFFSET));
     wanted.extend(extras.has_probe().then_some(PROBE_FUNCTION));
+    wanted.extend(extras.digital_outputs.then_some(PHYSICAL_OUTPUTS));
     wanted
 }
 
@@ -157,6 +166,13 @@ pub enum PdoError {
     },
 }
 
+/// What the drive has in 60FEh at start-up: bits of it that the network file does not name keep it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct HeldOutputs {
+    pub(crate) physical: u32,
+    pub(crate) mask: u32,
+}
+
 /// First bytes of the objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PdoLayout {
@@ -172,6 +188,9 @@ pub(crate) struct PdoLayout {
     digital_inputs: Option<usize>,
     torque: Option<usize>,
     following_error: Option<usize>,
+    physical_outputs: Option<usize>,
+    output_mask: Option<usize>,
+    held: HeldOutputs,
     /// Function and status of the touch probes, if one is requested.
     touch_probes: Option<[usize; 2]>,
     /// Position of touch probe 1, if requested.
@@ -274,6 +293,9 @@ impl PdoLayout {
             } else {
                 None
             },
+            physical_outputs: offset(extras.digital_outputs, PHYSICAL_OUTPUTS)?,
+            output_mask: find(outputs, OUTPUT_MASK)?,
+            held: HeldOutputs::default(),
             touch_probes: if extras.has_probe() {
                 Some([need(outputs, PROBE_FUNCTION)?, need(inputs, PROBE_STATUS)?])
             } else {
@@ -302,6 +324,21 @@ impl PdoLayout {
         }
     }
 
+    /// First bit of the physical outputs, if they are process data.
+    pub(crate) fn physical_outputs_at(&self) -> Option<u32> {
+        self.physical_outputs.map(|at| 8 * at as u32)
+    }
+
+    /// Whether 60FEh is process data, which overwrite it in each period.
+    pub(crate) const fn writes_digital_outputs(&self) -> bool {
+        self.physical_outputs.is_some() || self.output_mask.is_some()
+    }
+
+    /// Sends these bits of 60FEh in each period; outputs of the machine are written over them.
+    pub(crate) const fn hold_outputs(&mut self, held: HeldOutputs) {
+        self.held = held;
+    }
+
     pub(crate) fn write(&self, outputs: &DriveOutputs, image: &mut [u8]) {
         put(image, self.control_word, outputs.control_word.to_le_bytes());
         put(image, self.mode, outputs.mode.to_le_bytes());
@@ -311,6 +348,12 @@ impl PdoLayout {
         }
         if let Some(at) = self.torque_offset {
             put(image, at, outputs.torque_offset.to_le_bytes());
+        }
+        if let Some(at) = self.physical_outputs {
+            put(image, at, self.held.physical.to_le_bytes());
+        }
+        if let Some(at) = self.output_mask {
+            put(image, at, self.held.mask.to_le_bytes());
         }
         if let Some([at, _]) = self.touch_probes {
             put(image, at, outputs.probe_function.to_le_bytes());
@@ -352,6 +395,7 @@ mod tests {
         following_error: false,
         touch_probe: false,
         index_probe: None,
+        digital_outputs: false,
     };
 
     #[test]
@@ -403,6 +447,40 @@ mod tests {
         );
         let without = PdoLayout::new(&outputs, &wanted_inputs(VELOCITY), extras);
         assert_eq!(without, Err(PdoError::Missing { index: 0x60F4 }));
+    }
+
+    /// Physical outputs are mapped where they are requested. Where the drive's own mapping has them, or the
+    /// mask, they keep what the drive had, because zero would switch its other outputs off.
+    #[test]
+    fn digital_outputs_keep_the_bits_of_the_drive() {
+        let extras = Extras {
+            digital_outputs: true,
+            ..Extras::default()
+        };
+        assert_eq!(
+            wanted_outputs(extras).last().map(|last| last.number()),
+            Some(0x60FE_0120)
+        );
+        let inputs = wanted_inputs(extras);
+        let missing = PdoLayout::new(&wanted_outputs(VELOCITY), &inputs, extras);
+        assert_eq!(missing, Err(PdoError::Missing { index: 0x60FE }));
+        let mut own = wanted_outputs(Extras::default());
+        let layout = PdoLayout::new(&own, &inputs, Extras::default()).expect("complete");
+        assert!(!layout.writes_digital_outputs());
+        own.extend([OUTPUT_MASK, PHYSICAL_OUTPUTS]);
+        for extras in [extras, Extras::default()] {
+            let mut layout = PdoLayout::new(&own, &inputs, extras).expect("complete");
+            // 6040h, 6060h and 607Ah are 7 bytes, the mask 4.
+            assert_eq!(layout.physical_outputs_at(), Some(88));
+            assert!(layout.writes_digital_outputs());
+            layout.hold_outputs(HeldOutputs {
+                physical: 0x0002_0001,
+                mask: 0x0003_0000,
+            });
+            let mut image = [0_u8; 15];
+            layout.write(&DriveOutputs::default(), &mut image);
+            assert_eq!(image[7..], [0, 0, 3, 0, 1, 0, 2, 0]);
+        }
     }
 
     #[test]

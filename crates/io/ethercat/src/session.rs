@@ -209,6 +209,8 @@ pub(crate) fn run_session(
                 why,
             })?;
         signals.move_inputs(device, place);
+        // Their absence is an error of the start where the network file has outputs.
+        signals.move_outputs(device, layout.physical_outputs_at().unwrap_or(0));
     }
     let mut cycle = Cycle {
         main: &main,

@@ -4,7 +4,7 @@ use evolvent_config::{ConfigDocument, ConfigError};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// Digital inputs of a drive: bits of object 60FDh.
+/// Digital inputs and outputs of a drive: bits of objects 60FDh and 60FEh.
 const DRIVE_BITS: u32 = 32;
 /// Bits of process data that a device may have: those of all devices.
 const MAX_BIT: u32 = 8 * 1024 - 1;
@@ -46,7 +46,7 @@ pub(crate) struct OutputFile {
     /// Number of the spindle of the function; 0 where it is not given.
     #[schemars(range(max = 3))]
     spindle: Option<u32>,
-    /// Its first bit in the device's output process data, from 0.
+    /// Its first bit in the device's output process data, from 0; of a drive, the bit of its digital outputs (60FEh).
     #[schemars(range(max = 8191))]
     bit: u32,
     /// The bit is 1 where the output is off.
@@ -288,7 +288,7 @@ impl ChannelFile {
 }
 
 impl InputFile {
-    /// `is_drive`: the device has an axis, so bits are those of object 60FDh.
+    /// `is_drive`: the device has an axis or a spindle, so bits are those of object 60FDh.
     pub(crate) fn check(
         &self,
         sheet: &ConfigDocument<'_>,
@@ -331,19 +331,13 @@ impl InputFile {
 }
 
 impl OutputFile {
+    /// `is_drive`: the device has an axis or a spindle, so bits are those of object 60FEh.
     pub(crate) fn check(
         &self,
         sheet: &ConfigDocument<'_>,
         key: &str,
         is_drive: bool,
     ) -> Result<NetworkOutput, ConfigError> {
-        if is_drive {
-            return Err(sheet.error(
-                key,
-                "outputs of a drive are not supported".to_owned(),
-                "use a terminal",
-            ));
-        }
         let channel = ChannelFile {
             bit: self.bit,
             inverted: self.inverted,
@@ -353,6 +347,13 @@ impl OutputFile {
             values: self.values,
         }
         .check(sheet, key)?;
+        if is_drive && (channel.is_analog() || channel.bit >= DRIVE_BITS) {
+            return Err(sheet.error(
+                &format!("{key}.bit"),
+                "outputs of a drive are bits of its digital outputs (60FEh)".to_owned(),
+                format!("give a bit of 0 to {}, without values", DRIVE_BITS - 1),
+            ));
+        }
         let source = match (&self.name, self.function) {
             (Some(name), None) if self.spindle.is_none() => OutputSource::Named(name.clone()),
             (None, Some(function)) if self.spindle.is_none() || function.is_of_spindle() => {

@@ -130,6 +130,13 @@ impl SignalSet {
         }
     }
 
+    /// The same for their digital outputs (60FEh).
+    pub(crate) fn move_outputs(&mut self, device: usize, by_bits: u32) {
+        for output in self.outputs.iter_mut().filter(|output| output.device == device) {
+            output.channel.bit += by_bits;
+        }
+    }
+
     pub(crate) fn offer(&mut self, now_ns: u64, message: &MachineOutputs) {
         // A damaged message is followed by a complete one.
         if self.follower.offer(now_ns, message).is_ok() {

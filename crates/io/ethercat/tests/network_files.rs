@@ -110,6 +110,31 @@ fn a_probe_that_no_drive_latches_or_reports_is_noted() {
     assert!(!notes(&has_probe, &reported).contains("probe"));
 }
 
+/// A drive no longer sets the brake that the network file names.
+#[test]
+fn a_brake_that_is_named_is_noted() {
+    let text = shipped("networks/sim-mill.toml");
+    let machine = format!(
+        "output = [{{ name = \"brake\", number = 0 }}]\n{}",
+        shipped("machines/mill-ethercat.toml")
+    );
+    let machine = Machine::parse(&machine, "mill.toml").expect("a machine");
+    let notes = |output: &str| {
+        let text = text.replacen("velocity_offset = true", output, 1);
+        let network = Network::parse(&text, "sim-mill.toml").expect("a network");
+        assert_eq!(check_fit(&machine, &network), Ok(()));
+        fit_notes(&machine, &network).join("\n")
+    };
+    let named = notes("[[device.output]]\nname = \"brake\"\nbit = 0\n#");
+    assert!(
+        named.contains("device `x-drive`: the output `brake` is bit 0 of 60FEh")
+            && named.contains("holding brake"),
+        "{named}"
+    );
+    let other = notes("[[device.output]]\nname = \"brake\"\nbit = 16\n#");
+    assert!(!other.contains("60FEh"), "{other}");
+}
+
 /// Missing sections: the position of the error is the beginning of the section.
 #[test]
 fn an_axis_without_a_scale_is_refused() {
@@ -313,8 +338,13 @@ fn signals_are_refused_where_they_are_wrong() {
         (", values = [0, 6000]", "", "give `values`, in rpm"),
         (
             "turn_mm = 5.08\n",
-            "turn_mm = 5.08\n[[device.output]]\nname = \"x\"\nbit = 0\n",
-            "outputs of a drive",
+            "turn_mm = 5.08\n[[device.output]]\nname = \"x\"\nbit = 32\n",
+            "outputs of a drive are bits of its digital outputs (60FEh)",
+        ),
+        (
+            "turn_mm = 5.08\n",
+            "turn_mm = 5.08\n[[device.output]]\nname = \"x\"\nbit = 16\nvalues = [0, 1]\n",
+            "without values",
         ),
         (
             "turn_mm = 5.08\n",

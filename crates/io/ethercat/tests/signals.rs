@@ -7,7 +7,7 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use evolvent_bridge_trial::with_bridge as with_bridge_and_core;
+use evolvent_bridge_trial::{Messages, with_bridge as with_bridge_and_core};
 use evolvent_bus::{BusConfig, CoreBus, MachineInputs, MachineOutputs, Setpoint};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{Network, RunSettings, check_fit, run};
@@ -97,11 +97,11 @@ fn machine() -> Machine {
 }
 
 /// A core at rest without power, with outputs.
-struct Core {
+pub(crate) struct Core {
     bus: CoreBus,
     sequence: u64,
     next_ns: u64,
-    outputs: MachineOutputs,
+    pub(crate) outputs: MachineOutputs,
     inputs: Option<MachineInputs>,
 }
 
@@ -160,7 +160,7 @@ impl Core {
         }
     }
 
-    fn until(&mut self, what: &str, mut condition: impl FnMut(Option<&MachineInputs>) -> bool) {
+    pub(crate) fn until(&mut self, what: &str, mut condition: impl FnMut(Option<&MachineInputs>) -> bool) {
         let begin = Instant::now();
         while !condition(self.inputs.as_ref()) {
             self.cycle();
@@ -181,13 +181,22 @@ fn driven(ring: &SharedRing) -> (u8, [i16; 2]) {
 }
 
 fn with_bridge(ring: &SharedRing, test: impl FnOnce(&mut Core, &SharedRing)) {
+    with_files(machine(), network(), ring, |core, ring, _| test(core, ring));
+}
+
+/// Runs the bridge with these files beside a core.
+pub(crate) fn with_files(
+    machine: Machine,
+    mut network: Network,
+    ring: &SharedRing,
+    test: impl FnOnce(&mut Core, &SharedRing, &Messages),
+) {
     static NUMBER: AtomicU32 = AtomicU32::new(0);
     let number = NUMBER.fetch_add(1, Ordering::Relaxed);
     let prefix = format!("ecst{}-{number}_", std::process::id());
-    let mut network = network();
     network.max_lost_cycles = 20;
     let settings = RunSettings {
-        machine: machine(),
+        machine,
         machine_name: Some("ethercat-signals".to_owned()),
         network,
         interface: MAIN_INTERFACE.to_owned(),
@@ -199,7 +208,7 @@ fn with_bridge(ring: &SharedRing, test: impl FnOnce(&mut Core, &SharedRing)) {
         &prefix,
         |stop, messages| run(&settings, stop, |text| messages.push(text)),
         Core::open(&prefix),
-        |core, _| test(core, ring),
+        |core, messages| test(core, ring, messages),
     );
 }
 

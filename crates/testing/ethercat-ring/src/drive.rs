@@ -5,6 +5,7 @@ use core::f64::consts::TAU;
 
 use evolvent_drive::{DriveEvents, DriveMachine, DriveState, QuickStopOption, bits};
 
+use crate::digital_outputs::DigitalOutputs;
 use crate::drive_settings::DriveSettings;
 use crate::homing::{Homing, HomingState, Sight};
 use crate::motor::TwoMass;
@@ -64,6 +65,7 @@ struct Orders {
     target_velocity: i32,
     velocity_offset: i32,
     torque_offset: i16,
+    digital: DigitalOutputs,
 }
 
 /// Demand position of the axis, turns.
@@ -219,6 +221,7 @@ impl Drive {
             target_velocity: objects.integer(0x60FF, 0) as i32,
             velocity_offset: objects.integer(0x60B1, 0) as i32,
             torque_offset: objects.integer(0x60B2, 0) as i16,
+            digital: DigitalOutputs::requested(objects, self.settings.output_mask),
         };
         self.probe.set_function(objects.integer(0x60B8, 0) as u16);
         let interpolation_s =
@@ -243,8 +246,15 @@ impl Drive {
     }
 
     /// Discards the outputs, because the fieldbus is not in OP.
-    pub(crate) const fn forget_orders(&mut self) {
+    pub(crate) fn forget_orders(&mut self) {
         self.orders.control_word = 0;
+        self.orders.digital = DigitalOutputs::default();
+    }
+
+    /// The contacts of its digital outputs (60FEh); bit 0 is the brake.
+    #[must_use]
+    pub fn digital_outputs(&self) -> u32 {
+        self.orders.digital.contacts(self.machine.has_torque())
     }
 
     /// Runs one control step. `operational`: the fieldbus is in OP.

@@ -1,6 +1,6 @@
 //! The objects of a drive (CiA 402), by purpose.
 
-use crate::drive_settings::DriveSettings;
+use crate::drive_settings::{DriveSettings, OutputMask};
 use crate::object::{Dictionary, Entry, ObjectCode, data_type as t};
 
 /// Adds the objects of a drive with these settings.
@@ -21,6 +21,7 @@ pub(crate) fn add_drive_objects(settings: &DriveSettings, objects: &mut Dictiona
         Entry::text("Note", &"test simulator ".repeat(20)).writable(),
     );
     add_pairs(resolution, objects);
+    add_outputs(settings, objects);
 }
 
 /// The state machine and the modes of operation.
@@ -145,6 +146,18 @@ fn input_objects() -> [(u16, Entry); 7] {
         ),
         (0x60FD, Entry::integer("Digital inputs", t::UNSIGNED32, 0).input()),
     ]
+}
+
+/// Digital outputs: bits 0 (brake) and 16 to 31.
+fn add_outputs(settings: &DriveSettings, objects: &mut Dictionary) {
+    let start = i64::from(settings.start_outputs);
+    let mut entries = vec![Entry::integer("Physical outputs", t::UNSIGNED32, start).output()];
+    entries.extend(match settings.output_mask {
+        OutputMask::Writable => Some(Entry::integer("Bit mask", t::UNSIGNED32, 0).output()),
+        OutputMask::Fixed(mask) => Some(Entry::integer("Bit mask", t::UNSIGNED32, i64::from(mask))),
+        OutputMask::Absent => None,
+    });
+    objects.compound(0x60FE, "Digital outputs", ObjectCode::Array, entries);
 }
 
 /// Objects of two numbers: homing speeds, the period, and the units.

@@ -2,6 +2,17 @@
 
 use crate::motor::Mechanics;
 
+/// The bit mask (60FEh:2) of the digital outputs of a drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutputMask {
+    /// Written by the MainDevice; at power-up it gives the bus no output.
+    Writable,
+    /// It cannot be written.
+    Fixed(u32),
+    /// There is none: the bus has all outputs.
+    Absent,
+}
+
 /// Mechanics, encoder and switches of a drive. Positions are turns of the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveSettings {
@@ -25,6 +36,10 @@ pub struct DriveSettings {
     pub home_switch_turns: f64,
     /// Whether the encoder is absolute; otherwise it counts from 0 again when the supply returns.
     pub absolute: bool,
+    /// The bit mask of its digital outputs (60FEh).
+    pub output_mask: OutputMask,
+    /// What these outputs (60FEh:1) hold at power-up.
+    pub start_outputs: u32,
 }
 
 impl Default for DriveSettings {
@@ -41,6 +56,8 @@ impl Default for DriveSettings {
             velocity_ramp_turns_s2: 2000.0 / 60.0,
             home_switch_turns: f64::NEG_INFINITY,
             absolute: false,
+            output_mask: OutputMask::Writable,
+            start_outputs: 0,
         }
     }
 }

@@ -83,6 +83,7 @@ impl NetworkSpindle {
             following_error: false,
             touch_probe: false,
             index_probe: self.index_probe,
+            digital_outputs: false,
         }
     }
 

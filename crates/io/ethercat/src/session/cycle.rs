@@ -205,22 +205,17 @@ impl<'m> Cycle<'_, 'm> {
             expected += 2 * u16::from(outputs > 0) + u16::from(inputs > 0);
             let read =
                 |input: &NetworkInput| input.error_bit.map_or(0, |bit| bit + 1).max(input.channel.end());
+            // Those of drives are bits of an object, which is known to be in the process data.
+            let is_terminal = listed.axis.is_none() && listed.spindle.is_none();
+            let written = listed.outputs.iter().filter(|_| is_terminal);
+            let was_read = listed.inputs.iter().filter(|_| is_terminal);
             let last = [
                 (
                     "output",
-                    listed.outputs.iter().map(|output| output.channel.end()).max(),
+                    written.map(|output| output.channel.end()).max(),
                     outputs,
                 ),
-                (
-                    "input",
-                    listed
-                        .inputs
-                        .iter()
-                        .filter(|_| listed.axis.is_none() && listed.spindle.is_none())
-                        .map(read)
-                        .max(),
-                    inputs,
-                ),
+                ("input", was_read.map(read).max(), inputs),
             ];
             for (direction, end, bytes) in last {
                 let bits = 8 * bytes;

@@ -12,7 +12,9 @@ use super::error::SessionError;
 use super::{Devices, FIRST_STATION, IMAGE, SYNC_DELAY};
 use crate::homing::HomingOnDrive;
 use crate::network::{MAX_DEVICES, Network, NetworkDevice, Startup};
-use crate::pdo::{Extras, Mapped, PdoLayout, wanted_inputs, wanted_outputs};
+use crate::pdo::{
+    Extras, HeldOutputs, Mapped, OUTPUT_MASK, PHYSICAL_OUTPUTS, PdoLayout, wanted_inputs, wanted_outputs,
+};
 use crate::reference_clock::{ReferenceClock, same_time};
 
 /// Register 0981h: cyclic operation with SYNC0.
@@ -236,6 +238,10 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
         map: bool,
         interpolation: InterpolationTime,
     ) -> Result<PdoLayout, SessionError> {
+        let extras = Extras {
+            digital_outputs: !self.device.outputs.is_empty(),
+            ..extras
+        };
         for (sub_index, value) in [(1, interpolation.value), (2, interpolation.index as u8)] {
             let written = self.subdevice.sdo_write(0x60C2, sub_index, value).await;
             match written {
@@ -267,10 +273,53 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
             self.map(0x1C13, 0x1A00, &wanted_inputs(extras)).await?;
         }
         let (outputs, inputs) = (self.mapped(0x1C12).await?, self.mapped(0x1C13).await?);
-        PdoLayout::new(&outputs, &inputs, extras).map_err(|why| SessionError::ProcessData {
-            name: self.device.name.clone(),
-            why,
-        })
+        let mut layout =
+            PdoLayout::new(&outputs, &inputs, extras).map_err(|why| SessionError::ProcessData {
+                name: self.device.name.clone(),
+                why,
+            })?;
+        if layout.writes_digital_outputs() {
+            layout.hold_outputs(self.hold_outputs().await?);
+        }
+        Ok(layout)
+    }
+
+    /// Gives the bus the outputs of the network file, and no others: the mask of 60FEh releases the rest, such
+    /// as the brake, to the drive. A drive without a mask, or with one that nobody may write, gives the bus
+    /// all outputs, or those of its mask; these keep the bits that the drive has now.
+    async fn hold_outputs(&self) -> Result<HeldOutputs, SessionError> {
+        let physical = (self.optional(PHYSICAL_OUTPUTS.index, PHYSICAL_OUTPUTS.sub_index)).await?;
+        let physical = physical.unwrap_or(0);
+        let Mapped { index, sub_index, .. } = OUTPUT_MASK;
+        let mask = (self.device.outputs.iter()).fold(0, |mask, output| mask | 1_u32 << output.channel.bit);
+        if mask == 0 {
+            let mask = self.optional(index, sub_index).await?.unwrap_or(0);
+            return Ok(HeldOutputs { physical, mask });
+        }
+        match self.subdevice.sdo_write(index, sub_index, mask).await {
+            Ok(()) => Ok(HeldOutputs { physical, mask }),
+            Err(error @ Error::Mailbox(MailboxError::Aborted { .. })) => {
+                match self.optional(index, sub_index).await? {
+                    Some(fixed) if fixed & mask != mask => {
+                        Err(self.refused(index, sub_index, "written", error))
+                    }
+                    fixed => Ok(HeldOutputs {
+                        physical,
+                        mask: fixed.unwrap_or(mask),
+                    }),
+                }
+            }
+            Err(error) => Err(self.refused(index, sub_index, "written", error)),
+        }
+    }
+
+    /// An object that a drive may lack.
+    async fn optional(&self, index: u16, sub_index: u8) -> Result<Option<u32>, SessionError> {
+        match self.subdevice.sdo_read(index, sub_index).await {
+            Ok(value) => Ok(Some(value)),
+            Err(Error::Mailbox(MailboxError::Aborted { .. })) => Ok(None),
+            Err(error) => Err(self.refused(index, sub_index, "read", error)),
+        }
     }
 
     pub(super) async fn map(&self, assignment: u16, pdo: u16, wanted: &[Mapped]) -> Result<(), SessionError> {
