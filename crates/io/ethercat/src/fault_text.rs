@@ -1,5 +1,9 @@
 //! Fault codes of drives as text.
 
+mod vendors;
+
+use vendors::VENDORS;
+
 /// Codes of object 603Fh defined by CiA 402 and CiA 301, by their first and last number.
 const CODES: [(u16, u16, &str); 26] = [
     (0x0000, 0x0000, "no error"),
@@ -60,7 +64,6 @@ const CODES: [(u16, u16, &str); 26] = [
 
 /// EtherCAT vendor IDs.
 const PANASONIC: u32 = 0x066F;
-const MAXON: u32 = 0x00FB;
 const YASKAWA: u32 = 0x0539;
 
 /// Alarms of Panasonic MINAS A5B and A6B by their main number, the low byte of FFxxh.
@@ -100,26 +103,6 @@ const PANASONIC_ALARMS: [(u16, &str); 20] = [
     (83, "Err83: the fieldbus was lost under power"),
     (87, "Err87: forced alarm input"),
     (88, "Err88: main supply lost, or wrong control mode"),
-];
-
-/// Codes of maxon EPOS4 beyond CiA 402.
-const MAXON_CODES: [(u16, u16, &str); 12] = [
-    (0x1080, 0x1083, "initialization of the drive failed"),
-    (0x5113, 0x5113, "logic supply too low"),
-    (0x5280, 0x5281, "hardware of the drive defective"),
-    (0x6320, 0x6320, "invalid parameter of the drive"),
-    (0x7320, 0x7320, "encoder: check its cable"),
-    (
-        0x7380,
-        0x738F,
-        "encoder or Hall sensors: check cable and configuration",
-    ),
-    (0x8280, 0x8281, "the fieldbus was disturbed under power"),
-    (0x8A80, 0x8A80, "negative limit switch"),
-    (0x8A81, 0x8A81, "positive limit switch"),
-    (0x8A82, 0x8A82, "software position limit of the drive"),
-    (0x8A88, 0x8A88, "safe torque off"),
-    (0xFF01, 0xFF02, "the drive's processor is overloaded"),
 ];
 
 /// Alarms of Yaskawa Sigma-7 by their first two digits: A.71x is 071xh.
@@ -171,15 +154,12 @@ pub fn fault_text_of(vendor: u32, code: u16) -> &'static str {
     };
     let own = match vendor {
         PANASONIC if code >= 0xFF00 => listed(&PANASONIC_ALARMS, code & 0xFF),
-        MAXON => {
-            let found = MAXON_CODES
-                .iter()
-                .find(|(first, last, _)| (*first..=*last).contains(&code));
-            found.map(|(.., text)| *text)
-        }
         // Below 1000h CiA 402 has no codes.
         YASKAWA if code < 0x1000 => listed(&YASKAWA_ALARMS, code >> 4),
-        _ => None,
+        _ => VENDORS
+            .iter()
+            .find(|(listed, _)| *listed == vendor)
+            .and_then(|(_, codes)| in_range(codes, code)),
     };
     own.unwrap_or_else(|| fault_text(code))
 }
@@ -194,28 +174,94 @@ pub fn fault_text(code: u16) -> &'static str {
     if code >= 0xFF00 {
         return "a code of the manufacturer: see the drive's manual";
     }
-    CODES
+    in_range(&CODES, code).unwrap_or("a code that CiA 402 does not define: see the drive's manual")
+}
+
+fn in_range(codes: &[(u16, u16, &'static str)], code: u16) -> Option<&'static str> {
+    let found = codes
         .iter()
-        .find(|(first, last, _)| (*first..=*last).contains(&code))
-        .map_or(
-            "a code that CiA 402 does not define: see the drive's manual",
-            |(.., text)| text,
-        )
+        .find(|(first, last, _)| (*first..=*last).contains(&code));
+    found.map(|(.., text)| *text)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const BECKHOFF: u32 = 0x0002;
+    const OMRON: u32 = 0x0083;
+    const ELMO: u32 = 0x009A;
+    const MAXON: u32 = 0x00FB;
+    const DELTA: u32 = 0x01DD;
+    const INOVANCE: u32 = 0x0010_0000;
+
     #[test]
     fn vendor_codes_are_per_vendor_profile_codes_common() {
         assert!(fault_text_of(PANASONIC, 0xFF18).contains("following error"));
         assert!(fault_text_of(YASKAWA, 0x0D00).contains("following error"));
         assert!(fault_text_of(MAXON, 0x8A81).contains("positive limit"));
-        for vendor in [PANASONIC, MAXON, YASKAWA, 0] {
+        for vendor in [
+            PANASONIC, MAXON, YASKAWA, BECKHOFF, OMRON, ELMO, DELTA, INOVANCE, 0,
+        ] {
             assert_eq!(fault_text_of(vendor, 0x4310), fault_text(0x4310));
         }
         // FF18h of another vendor is not Panasonic's.
         assert!(fault_text_of(0, 0xFF18).contains("manufacturer"));
+    }
+
+    /// Values of programs of others that read the same manuals: display and meaning of single codes.
+    #[test]
+    fn codes_of_vendors_are_those_of_their_manuals() {
+        for (vendor, code, parts) in [
+            (BECKHOFF, 0x3182, ["speed", "axis module"]),
+            (BECKHOFF, 0x5582, ["EEPROM", "data"]),
+            // The low byte is the displayed number, not a binary one: 24 is Panasonic's FF18h.
+            (OMRON, 0xFF24, ["error 24", "following error"]),
+            (OMRON, 0xFF18, ["error 18", "braking resistor"]),
+            (OMRON, 0xFF38, ["error 38", "limit switches"]),
+            (OMRON, 0xFF83, ["error 83", "EtherCAT"]),
+            (OMRON, 0xFF95, ["error 95", "motor"]),
+            (ELMO, 0x5441, ["limit", "switch"]),
+            (ELMO, 0x8481, ["speed", "high"]),
+            (ELMO, 0x7381, ["Hall", "cable"]),
+            (ELMO, 0x3310, ["voltage", "high"]),
+            (DELTA, 0x7305, ["AL011", "encoder"]),
+            (DELTA, 0x5443, ["AL014", "negative limit"]),
+            (DELTA, 0x5442, ["AL015", "positive limit"]),
+            (DELTA, 0x8611, ["AL009", "following error"]),
+            (DELTA, 0x9000, ["AL500", "safe torque off"]),
+            (DELTA, 0x8130, ["AL180", "fieldbus"]),
+            (INOVANCE, 0x8611, ["Er.B00", "following error"]),
+            (INOVANCE, 0x7121, ["Er.630", "blocked"]),
+            (INOVANCE, 0x8400, ["Er.500", "speed"]),
+            (INOVANCE, 0x5444, ["Er.952", "negative limit"]),
+            (INOVANCE, 0x2312, ["Er.201", "overcurrent"]),
+        ] {
+            let text = fault_text_of(vendor, code);
+            for part in parts {
+                assert!(text.contains(part), "{vendor:X}h {code:X}h: {text}");
+            }
+        }
+        // 7500h is the fieldbus in CiA 402, and not of Inovance.
+        assert!(fault_text(0x7500).contains("fieldbus"));
+        assert!(!fault_text_of(INOVANCE, 0x7500).contains("fieldbus"));
+        // Other codes of these vendors are those of the profile, or their manuals'.
+        assert_eq!(fault_text_of(ELMO, 0x2340), fault_text(0x2340));
+        assert!(fault_text_of(OMRON, 0xFFA0).contains("manufacturer"));
+    }
+
+    /// An entry behind one with the same code would never be found.
+    #[test]
+    fn no_code_is_listed_twice() {
+        for (vendor, codes) in VENDORS {
+            for (i, (first, last, text)) in codes.iter().enumerate() {
+                assert!(first <= last && !text.is_empty(), "{vendor:X}h {first:X}h");
+                let mut others = codes[i + 1..].iter();
+                assert!(
+                    !others.any(|(other, end, _)| other <= last && first <= end),
+                    "{vendor:X}h {first:X}h"
+                );
+            }
+        }
     }
 }
