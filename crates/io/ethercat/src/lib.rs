@@ -33,6 +33,7 @@ mod al_status_text;
 mod axis;
 mod clock_monitor;
 mod cycle_times;
+mod drive_limits;
 mod drive_set;
 mod dump;
 mod emergency;
@@ -61,6 +62,7 @@ mod zero_impulse;
 
 pub use clock_monitor::ClockFigures;
 pub use cycle_times::{CycleTime, CycleTimes};
+pub use drive_limits::{Driven, LimitError};
 pub use dump::{DumpSettings, DumpTrouble, MIN_DUMP_BYTES};
 pub use esi::{EsiError, EsiLibrary};
 pub use evolvent_bridge::{BridgeError, CardFinding, CardVerdict, RoundTrips, examine_card};

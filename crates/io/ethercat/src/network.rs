@@ -96,6 +96,8 @@ pub struct NetworkAxis {
     pub axis: usize,
     /// Increments per unit.
     pub scale: Scale,
+    /// Increments per turn of the motor.
+    pub increments_per_turn: u32,
     /// The motor turns opposite to the axis.
     pub inverted: bool,
     /// The encoder knows its position at power-up.

@@ -224,6 +224,7 @@ impl Hardware for RunSettings {
             Notice::Operational { clocks: false } => {
                 "network: all devices are in OP, without distributed clocks".to_owned()
             }
+            Notice::Limit(note) => note.to_string(),
             Notice::Recording(trouble) => recording_text(trouble),
             Notice::Clocks { figures } => format!("network: {}", self.clock_text(&figures)),
             Notice::Spindle { number, notice } => match notice {

@@ -172,7 +172,10 @@ pub(crate) fn run_session(
         ..MainDeviceConfig::default()
     };
     let main = MainDevice::new(pdus, timeouts, config);
-    let started = pump.complete(monotonic_ns() + START_NS, start(&main, network, period_ns));
+    let started = pump.complete(
+        monotonic_ns() + START_NS,
+        start(&main, network, machine, period_ns),
+    );
     for emergency in pump.emergencies() {
         let _full = ends.bus.notices.push(Notice::Emergency {
             device: usize::from(emergency.station.wrapping_sub(FIRST_STATION)),

@@ -5,6 +5,7 @@ mod support;
 mod bridge;
 mod campaign;
 mod clocks;
+mod drive_limits;
 mod drive_outputs;
 mod drives;
 mod dump;

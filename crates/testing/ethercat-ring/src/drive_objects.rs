@@ -7,7 +7,8 @@ use crate::object::{Dictionary, Entry, ObjectCode, data_type as t};
 pub(crate) fn add_drive_objects(settings: &DriveSettings, objects: &mut Dictionary) {
     let resolution = i64::from(settings.resolution);
     let rated_torque_mn_m = (settings.mechanics.rated_torque_n_m * 1000.0) as i64;
-    let variables = state_objects(resolution)
+    let quick_stop = (i64::from(settings.quick_stop_turns_s2) * resolution).min(i64::from(u32::MAX));
+    let variables = state_objects(quick_stop)
         .into_iter()
         .chain(position_objects(resolution, rated_torque_mn_m))
         .chain(homing_objects(resolution))
@@ -22,10 +23,11 @@ pub(crate) fn add_drive_objects(settings: &DriveSettings, objects: &mut Dictiona
     );
     add_pairs(resolution, objects);
     add_outputs(settings, objects);
+    add_limits(settings, objects);
 }
 
 /// The state machine and the modes of operation.
-fn state_objects(resolution: i64) -> [(u16, Entry); 8] {
+fn state_objects(quick_stop: i64) -> [(u16, Entry); 8] {
     [
         (0x603F, Entry::integer("Error code", t::UNSIGNED16, 0).input()),
         (0x6040, Entry::integer("Control word", t::UNSIGNED16, 0).output()),
@@ -41,12 +43,7 @@ fn state_objects(resolution: i64) -> [(u16, Entry); 8] {
         ),
         (
             0x6085,
-            Entry::integer(
-                "Quick stop deceleration",
-                t::UNSIGNED32,
-                200 * resolution.min(1 << 24),
-            )
-            .writable(),
+            Entry::integer("Quick stop deceleration", t::UNSIGNED32, quick_stop).writable(),
         ),
         (
             0x6502,
@@ -146,6 +143,24 @@ fn input_objects() -> [(u16, Entry); 7] {
         ),
         (0x60FD, Entry::integer("Digital inputs", t::UNSIGNED32, 0).input()),
     ]
+}
+
+/// The drive's own limits, of which it has those that its settings give. It does not limit targets by them.
+fn add_limits(settings: &DriveSettings, objects: &mut Dictionary) {
+    let of_turns = |turns: u32| i64::from(turns) * i64::from(settings.resolution);
+    for (index, name, value) in [
+        (0x6080, "Max motor speed", settings.max_motor_rpm.map(i64::from)),
+        (
+            0x607F,
+            "Max profile velocity",
+            settings.max_profile_turns_s.map(of_turns),
+        ),
+        (0x60C5, "Max acceleration", settings.max_turns_s2.map(of_turns)),
+    ] {
+        if let Some(value) = value {
+            objects.variable(index, Entry::integer(name, t::UNSIGNED32, value).writable());
+        }
+    }
 }
 
 /// Digital outputs: bits 0 (brake) and 16 to 31.

@@ -36,6 +36,14 @@ pub struct DriveSettings {
     pub home_switch_turns: f64,
     /// Whether the encoder is absolute; otherwise it counts from 0 again when the supply returns.
     pub absolute: bool,
+    /// Maximum speed of the motor (6080h), rpm; without it the object is absent.
+    pub max_motor_rpm: Option<u32>,
+    /// Maximum profile velocity (607Fh), turns/s; without it the object is absent.
+    pub max_profile_turns_s: Option<u32>,
+    /// Maximum acceleration (60C5h), turns/s2; without it the object is absent.
+    pub max_turns_s2: Option<u32>,
+    /// Quick stop deceleration (6085h), turns/s2.
+    pub quick_stop_turns_s2: u32,
     /// The bit mask of its digital outputs (60FEh).
     pub output_mask: OutputMask,
     /// What these outputs (60FEh:1) hold at power-up.
@@ -43,7 +51,8 @@ pub struct DriveSettings {
 }
 
 impl Default for DriveSettings {
-    /// 2^20 increments per turn, 400 turns between the limit switches, start in the middle.
+    /// 2^20 increments per turn, 400 turns between the limit switches, start in the middle. The quick stop is
+    /// harder than the axes of the shipped machines.
     fn default() -> Self {
         Self {
             resolution: 1 << 20,
@@ -56,6 +65,10 @@ impl Default for DriveSettings {
             velocity_ramp_turns_s2: 2000.0 / 60.0,
             home_switch_turns: f64::NEG_INFINITY,
             absolute: false,
+            max_motor_rpm: None,
+            max_profile_turns_s: None,
+            max_turns_s2: None,
+            quick_stop_turns_s2: 1500,
             output_mask: OutputMask::Writable,
             start_outputs: 0,
         }

@@ -7,6 +7,7 @@ fn axis(inverted: bool) -> DriveAxis {
     DriveAxis::new(NetworkAxis {
         axis: 0,
         scale: Scale::new(1000, [1, 1], 5.0).expect("a scale"),
+        increments_per_turn: 1000,
         inverted,
         absolute: false,
         zero: 10.0,

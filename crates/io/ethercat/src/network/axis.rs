@@ -162,6 +162,7 @@ impl AxisFile {
         Ok(NetworkAxis {
             axis: letter.index(),
             scale,
+            increments_per_turn: self.increments_per_turn,
             inverted: self.inverted,
             absolute: self.absolute,
             zero: self.zero,

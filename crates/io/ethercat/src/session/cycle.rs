@@ -425,6 +425,9 @@ impl<'m> Cycle<'_, 'm> {
                     ends.clocks.begin(clocked, monotonic_ns());
                 }
                 let _full = ends.bus.notices.push(Notice::Operational { clocks });
+                for note in &self.layouts.limits {
+                    let _full = ends.bus.notices.push(Notice::Limit(*note));
+                }
             }
             self.tell_faults(ends);
             return Ok(());

@@ -4,6 +4,7 @@ use evolvent_drive::{GantryFault, InterpolationError, SettingsError};
 use thiserror::Error;
 
 use crate::clock_monitor::ClockFigures;
+use crate::drive_limits::{LimitError, LimitNote};
 use crate::dump::DumpTrouble;
 use crate::pdo::PdoError;
 use crate::spindle_drive::SpindleNotice;
@@ -76,6 +77,9 @@ pub enum SessionError {
         /// Number of bits available.
         bits: usize,
     },
+    /// The machine file permits what a drive does not.
+    #[error(transparent)]
+    DriveLimit(#[from] LimitError),
     /// A drive cannot use the period.
     #[error(transparent)]
     Period(#[from] InterpolationError),
@@ -129,6 +133,8 @@ pub enum Notice {
     Clocks { figures: ClockFigures },
     /// A drive is in fault.
     DriveFault { axis: usize, code: u16 },
+    /// A limit of a drive is lower than that of the machine file.
+    Limit(LimitNote),
     /// A spindle, by its number.
     Spindle { number: usize, notice: SpindleNotice },
     /// The drives of a gantry have to stop.

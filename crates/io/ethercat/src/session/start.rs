@@ -7,9 +7,11 @@ use ethercrab::subdevice_group::DcConfiguration;
 use ethercrab::{Command, DcSync, MainDevice, RegisterAddress, SubDeviceIdentity, SubDeviceRef};
 use evolvent_bridge::monotonic_ns;
 use evolvent_drive::InterpolationTime;
+use evolvent_machine::Machine;
 
 use super::error::SessionError;
 use super::{Devices, FIRST_STATION, IMAGE, SYNC_DELAY};
+use crate::drive_limits::{self, LimitNote, ReportedLimits, check_limits};
 use crate::homing::HomingOnDrive;
 use crate::network::{MAX_DEVICES, Network, NetworkDevice, Startup};
 use crate::pdo::{
@@ -25,11 +27,14 @@ const SYNC0: u8 = 0b11;
 pub(super) struct Layouts {
     pub(super) axes: Vec<PdoLayout>,
     pub(super) spindles: Vec<PdoLayout>,
+    /// Limits of drives that are lower than those of the machine file.
+    pub(super) limits: Vec<LimitNote>,
 }
 
 pub(super) async fn start<'m>(
     main: &'m MainDevice<'m>,
     network: &Network,
+    machine: &Machine,
     period_ns: u64,
 ) -> Result<(Devices, Layouts, ReferenceClock), SessionError> {
     let interpolation = InterpolationTime::from_period_ns(period_ns)?;
@@ -92,6 +97,10 @@ pub(super) async fn start<'m>(
                     .set_up(None, spindle.extras(), spindle.map, interpolation)
                     .await?,
             );
+        }
+        if device.axis.is_some() || device.spindle.is_some() {
+            let reported = objects.limits().await?;
+            (layouts.limits).extend(check_limits(machine, device, &reported)?);
         }
     }
     let mut has_clock = false;
@@ -314,12 +323,36 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
     }
 
     /// An object that a drive may lack.
-    async fn optional(&self, index: u16, sub_index: u8) -> Result<Option<u32>, SessionError> {
+    async fn optional<T: ethercrab::EtherCrabWireReadSized>(
+        &self,
+        index: u16,
+        sub_index: u8,
+    ) -> Result<Option<T>, SessionError> {
         match self.subdevice.sdo_read(index, sub_index).await {
             Ok(value) => Ok(Some(value)),
-            Err(Error::Mailbox(MailboxError::Aborted { .. })) => Ok(None),
+            // Absent, or of another size than in CiA 402, which gives it another meaning.
+            Err(Error::Mailbox(MailboxError::Aborted { .. }) | Error::Wire(_)) => Ok(None),
             Err(error) => Err(self.refused(index, sub_index, "read", error)),
         }
+    }
+
+    /// The drive's own limits, and their units where there are any.
+    async fn limits(&self) -> Result<ReportedLimits, SessionError> {
+        let mut limits = ReportedLimits {
+            motor_speed: self.optional(drive_limits::MOTOR_SPEED, 0).await?,
+            profile_velocity: self.optional(drive_limits::PROFILE_VELOCITY, 0).await?,
+            ..ReportedLimits::default()
+        };
+        if limits.profile_velocity.is_some() {
+            limits.velocity_unit = self.optional(drive_limits::VELOCITY_UNIT, 0).await?;
+        }
+        if self.device.axis.is_some() {
+            limits.acceleration = self.optional(drive_limits::ACCELERATION, 0).await?;
+            limits.quick_stop = self.optional(drive_limits::QUICK_STOP, 0).await?;
+            limits.quick_stop_option = self.optional(drive_limits::QUICK_STOP_OPTION, 0).await?;
+            limits.acceleration_unit = self.optional(drive_limits::ACCELERATION_UNIT, 0).await?;
+        }
+        Ok(limits)
     }
 
     pub(super) async fn map(&self, assignment: u16, pdo: u16, wanted: &[Mapped]) -> Result<(), SessionError> {
