@@ -18,6 +18,7 @@ use crate::pdo::{
     Extras, HeldOutputs, Mapped, OUTPUT_MASK, PHYSICAL_OUTPUTS, PdoLayout, wanted_inputs, wanted_outputs,
 };
 use crate::reference_clock::{ReferenceClock, same_time};
+use crate::signal_set::SignalSet;
 
 /// Register 0981h: cyclic operation with SYNC0.
 const SYNC0: u8 = 0b11;
@@ -75,11 +76,15 @@ pub(super) async fn start<'m>(
         return Err(SessionError::Count { found, expected });
     }
     let mut layouts = Layouts::default();
+    // Without a message of the core all outputs are safe.
+    let safe = SignalSet::new(machine, network, 0);
     for (i, (subdevice, device)) in group.iter(main).zip(&network.devices).enumerate() {
         check_identity(i + 1, &subdevice.identity(), device)?;
         let objects = Objects {
             subdevice: &subdevice,
             device,
+            position: i,
+            safe: &safe,
         };
         for entry in &device.startup {
             objects.write(*entry).await?;
@@ -204,6 +209,10 @@ fn check_identity(
 struct Objects<'a, 'm, S> {
     pub(super) subdevice: &'a SubDeviceRef<'m, S>,
     pub(super) device: &'a NetworkDevice,
+    /// Position in the network file.
+    position: usize,
+    /// The outputs of the machine, all in their safe state.
+    safe: &'a SignalSet,
 }
 
 impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
@@ -297,10 +306,23 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
     /// as the brake, to the drive. A drive without a mask, or with one that nobody may write, gives the bus
     /// all outputs, or those of its mask; these keep the bits that the drive has now.
     async fn hold_outputs(&self) -> Result<HeldOutputs, SessionError> {
-        let physical = (self.optional(PHYSICAL_OUTPUTS.index, PHYSICAL_OUTPUTS.sub_index)).await?;
-        let physical = physical.unwrap_or(0);
-        let Mapped { index, sub_index, .. } = OUTPUT_MASK;
+        let Mapped { index, sub_index, .. } = PHYSICAL_OUTPUTS;
+        let physical: u32 = self.optional(index, sub_index).await?.unwrap_or(0);
         let mask = (self.device.outputs.iter()).fold(0, |mask, output| mask | 1_u32 << output.channel.bit);
+        let mut image = physical.to_le_bytes();
+        self.safe.write(self.position, &mut image);
+        if mask != 0 {
+            // The object may still have what an earlier bridge has set. Drives may refuse to have process data
+            // written by other means.
+            let written = self
+                .subdevice
+                .sdo_write(index, sub_index, u32::from_le_bytes(image));
+            match written.await {
+                Ok(()) | Err(Error::Mailbox(MailboxError::Aborted { .. })) => {}
+                Err(error) => return Err(self.refused(index, sub_index, "written", error)),
+            }
+        }
+        let Mapped { index, sub_index, .. } = OUTPUT_MASK;
         if mask == 0 {
             let mask = self.optional(index, sub_index).await?.unwrap_or(0);
             return Ok(HeldOutputs { physical, mask });
