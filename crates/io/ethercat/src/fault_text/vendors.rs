@@ -1,4 +1,8 @@
 //! Fault codes of vendors, where they say more than CiA 402 or something else.
+//!
+//! Those of Omron, Elmo, Delta and Inovance come from public transcriptions of the manuals that are named, not
+//! from the manuals themselves. Other series of a vendor have its vendor ID as well: a text begins with the name
+//! of the series where that can mislead.
 
 /// Codes from the first to the second number.
 type Codes = &'static [(u16, u16, &'static str)];
@@ -35,76 +39,76 @@ const BECKHOFF: [(u16, u16, &str); 6] = [
 /// Omron G5 with EtherCAT: the low byte is the main number as it is displayed. User's manual I576, object
 /// 603Fh and errors.
 const OMRON: [(u16, u16, &str); 32] = [
-    (0xFF11, 0xFF11, "error 11: control supply too low"),
+    (0xFF11, 0xFF11, "G5 error 11: control supply too low"),
     (
         0xFF12,
         0xFF12,
-        "error 12: supply voltage too high: braking resistor missing, or braking too hard",
+        "G5 error 12: supply voltage too high: braking resistor missing, or braking too hard",
     ),
-    (0xFF13, 0xFF13, "error 13: main supply too low or off"),
-    (0xFF14, 0xFF14, "error 14: overcurrent: check motor and cable"),
-    (0xFF15, 0xFF15, "error 15: the drive is too hot"),
+    (0xFF13, 0xFF13, "G5 error 13: main supply too low or off"),
+    (0xFF14, 0xFF14, "G5 error 14: overcurrent: check motor and cable"),
+    (0xFF15, 0xFF15, "G5 error 15: the drive is too hot"),
     (
         0xFF16,
         0xFF16,
-        "error 16: overload: load too high, axis blocked, or brake closed",
+        "G5 error 16: overload: load too high, axis blocked, or brake closed",
     ),
-    (0xFF18, 0xFF18, "error 18: braking resistor overloaded"),
+    (0xFF18, 0xFF18, "G5 error 18: braking resistor overloaded"),
     (
         0xFF21,
         0xFF21,
-        "error 21: no communication with the encoder: check its cable",
+        "G5 error 21: no communication with the encoder: check its cable",
     ),
     (
         0xFF23,
         0xFF23,
-        "error 23: communication with the encoder disturbed: check cable and shield",
+        "G5 error 23: communication with the encoder disturbed: check cable and shield",
     ),
     (
         0xFF24,
         0xFF24,
-        "error 24: following error: axis blocked, limits of the machine file too high, or loops not tuned",
+        "G5 error 24: following error: axis blocked, limits of the machine file too high, or loops not tuned",
     ),
     (
         0xFF25,
         0xFF25,
-        "error 25: motor and external encoder differ too much",
+        "G5 error 25: motor and external encoder differ too much",
     ),
-    (0xFF26, 0xFF26, "error 26: speed too high"),
+    (0xFF26, 0xFF26, "G5 error 26: speed too high"),
     (
         0xFF27,
         0xFF27,
-        "error 27: command not possible, or absolute position cleared",
+        "G5 error 27: command not possible, or absolute position cleared",
     ),
     (
         0xFF29,
         0xFF29,
-        "error 29: counter of the following error has overflowed",
+        "G5 error 29: counter of the following error has overflowed",
     ),
-    (0xFF30, 0xFF30, "error 30: safety input (safe torque off)"),
-    (0xFF33, 0xFF33, "error 33: assignment of inputs or outputs"),
+    (0xFF30, 0xFF30, "G5 error 30: safety input (safe torque off)"),
+    (0xFF33, 0xFF33, "G5 error 33: assignment of inputs or outputs"),
     (
         0xFF34,
         0xFF34,
-        "error 34: motor position beyond its working range",
+        "G5 error 34: motor position beyond its working range",
     ),
     (
         0xFF36,
         0xFF37,
         "errors 36 and 37: stored objects of the drive are wrong",
     ),
-    (0xFF38, 0xFF38, "error 38: limit switches, or their wiring"),
+    (0xFF38, 0xFF38, "G5 error 38: limit switches, or their wiring"),
     (
         0xFF40,
         0xFF40,
-        "error 40: absolute encoder without supply: replace its battery, home again",
+        "G5 error 40: absolute encoder without supply: replace its battery, home again",
     ),
     (
         0xFF41,
         0xFF41,
-        "error 41: turns of the absolute encoder have overflowed",
+        "G5 error 41: turns of the absolute encoder have overflowed",
     ),
-    (0xFF42, 0xFF42, "error 42: absolute encoder too fast"),
+    (0xFF42, 0xFF42, "G5 error 42: absolute encoder too fast"),
     (0xFF43, 0xFF49, "errors 43 to 49: encoder: check its cable"),
     (
         0xFF50,
@@ -114,23 +118,23 @@ const OMRON: [(u16, u16, &str); 32] = [
     (
         0xFF55,
         0xFF55,
-        "error 55: a phase of the external encoder: check its cable",
+        "G5 error 55: a phase of the external encoder: check its cable",
     ),
     (
         0xFF83,
         0xFF83,
-        "error 83: EtherCAT: state, synchronization or watchdog",
+        "G5 error 83: EtherCAT: state, synchronization or watchdog",
     ),
-    (0xFF87, 0xFF87, "error 87: immediate stop input"),
-    (0xFF88, 0xFF88, "error 88: EtherCAT controller of the drive"),
-    (0xFF90, 0xFF90, "error 90: settings of EtherCAT"),
-    (0xFF91, 0xFF91, "error 91: command not possible in this state"),
+    (0xFF87, 0xFF87, "G5 error 87: immediate stop input"),
+    (0xFF88, 0xFF88, "G5 error 88: EtherCAT controller of the drive"),
+    (0xFF90, 0xFF90, "G5 error 90: settings of EtherCAT"),
+    (0xFF91, 0xFF91, "G5 error 91: command not possible in this state"),
     (
         0xFF92,
         0xFF93,
         "errors 92 and 93: encoder data or objects of the drive",
     ),
-    (0xFF95, 0xFF95, "error 95: the motor does not fit the drive"),
+    (0xFF95, 0xFF95, "G5 error 95: the motor does not fit the drive"),
 ];
 
 /// Elmo: "CANopen DS 301 Implementation Guide" MAN-CAN301IG, emergencies and motor faults.
