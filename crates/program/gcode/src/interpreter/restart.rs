@@ -155,46 +155,16 @@ impl<R: BufRead> Interpreter<R> {
     /// ([`Interpreter::starts_after_thread`]).
     pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
         let tool = self.state().tool;
-        let mut executed = 0_u64;
-        let mut has_probed = false;
         let waits_succeed = std::mem::replace(&mut self.settings.waits_succeed, true);
         // An earlier run has changed and measured the tools, and the tool table contains their lengths and
         // pockets, so the tool-change subroutine is not executed. In an MDI block it is.
         let changer = (self.settings.features.tool_change).take_if(|_| !self.settings.is_mdi);
-        while self.next_program_line() < line || self.is_inside() {
-            executed += 1;
-            if executed > self.settings.limits.max_lines_before_start {
-                return Err(Box::new(self.endless_loop(line)));
-            }
-            if self.next_program_line() == line
-                && let Some(inside) = self.inside_subroutine(line)
-            {
-                return Err(Box::new(inside));
-            }
-            let probing_line = match self.execute_without_output() {
-                Ok(probing_line) => probing_line,
-                // A probing move of this block has no result here, so the (ABORT) may follow from an earlier
-                // result; the check of the block decides about it.
-                Err(diagnostic)
-                    if self.settings.is_mdi && has_probed && diagnostic.code == Code::ActiveComment =>
-                {
-                    self.finished = false;
-                    None
-                }
-                Err(diagnostic) => return Err(diagnostic),
-            };
-            has_probed |= probing_line.is_some();
-            if let Some(line_of_probe) = probing_line.filter(|_| !self.settings.is_mdi) {
-                return Err(Box::new(self.depends_on_contact(line, line_of_probe)));
-            }
-            if self.is_finished() {
-                return Err(Box::new(self.after_the_end(line)));
-            }
-        }
+        let executed = self.execute_before(line);
         self.settings.waits_succeed = waits_succeed;
         if changer.is_some() {
             self.settings.features.tool_change = changer;
         }
+        executed?;
         let state = *self.state();
         let is_compensating = state.cutter.is_on();
         if is_compensating && self.settings.is_mdi {
@@ -255,6 +225,43 @@ impl<R: BufRead> Interpreter<R> {
             feed_mm_s: state.feed_mm_s(),
             feed_word: state.feed_word(),
         })
+    }
+
+    /// Executes all lines before `line` without output.
+    fn execute_before(&mut self, line: u32) -> Result<(), Box<Diagnostic>> {
+        let mut executed = 0_u64;
+        let mut has_probed = false;
+        while self.next_program_line() < line || self.is_inside() {
+            executed += 1;
+            if executed > self.settings.limits.max_lines_before_start {
+                return Err(Box::new(self.endless_loop(line)));
+            }
+            if self.next_program_line() == line
+                && let Some(inside) = self.inside_subroutine(line)
+            {
+                return Err(Box::new(inside));
+            }
+            let probing_line = match self.execute_without_output() {
+                Ok(probing_line) => probing_line,
+                // A probing move of this block has no result here, so the (ABORT) may follow from an earlier
+                // result; the check of the block decides about it.
+                Err(diagnostic)
+                    if self.settings.is_mdi && has_probed && diagnostic.code == Code::ActiveComment =>
+                {
+                    self.finished = false;
+                    None
+                }
+                Err(diagnostic) => return Err(diagnostic),
+            };
+            has_probed |= probing_line.is_some();
+            if let Some(line_of_probe) = probing_line.filter(|_| !self.settings.is_mdi) {
+                return Err(Box::new(self.depends_on_contact(line, line_of_probe)));
+            }
+            if self.is_finished() {
+                return Err(Box::new(self.after_the_end(line)));
+            }
+        }
+        Ok(())
     }
 
     /// The error of a line that only a call executes, with its arguments.
