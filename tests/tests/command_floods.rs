@@ -54,7 +54,7 @@ fn an_emergency_stop_in_a_flood_acts_at_once() {
         let mut operator = scene.operator();
         operator.brings_up();
         operator.says_number("MODE", 2);
-        operator.says_text("MDI", "G1 X300 F2400");
+        let flooded = operator.says_text("MDI", "G1 X300 F2400").job;
         operator.follows(|_| {}, |setpoint| speed(setpoint) > 25.0);
         std::thread::scope(|scope| {
             // Also if something panics here.
@@ -82,6 +82,8 @@ fn an_emergency_stop_in_a_flood_acts_at_once() {
             status.velocity == [0.0; 9] && status.power == 0
         });
         assert_eq!((status.machine_state, status.alarm_count), (0, 0));
+        // The axes are at rest before the core has ended the job.
+        operator.sees_end(flooded);
         // Later commands take effect.
         operator.brings_up();
         let job = operator.says_text("MDI", "G91 G1 X-5 F6000").job;
