@@ -36,6 +36,12 @@ export interface RunData {
   texts: Record<string, Record<string, string>>;
 }
 
+/** At most `most` places from `first` to `last`, of which the middle is as close to `here` as they permit. */
+export function around(first: number, last: number, here: number, most: number): { begin: number; end: number } {
+  const begin = Math.max(first, Math.min(here - (most >> 1), last - most + 1));
+  return { begin, end: Math.min(last, begin + most - 1) };
+}
+
 /** The last entry of an ascending list that is not above `value`; -1 where there is none. */
 export function lastAt(list: Float64Array, value: number): number {
   let [low, high] = [0, list.length];

@@ -70,6 +70,15 @@ onMachine('time, line and point of the path of a recorded run lead to each other
   assert.match(await page.locator(at('compare-b-text')).first().innerText(), /^B: .*F6000/);
 });
 
+onMadeUp('of a long line the path around the present time is marked', async (page) => {
+  const found = await page.evaluate(async () => {
+    const { around } = await import('/src/traces/run-data.ts');
+    return [[10, 19, 15, 100], [10, 19, 15, 10], [10, 19, 10, 4], [10, 19, 15, 4], [10, 19, 19, 4], [10, 9, 9, 4]].map((of) => around(...of)).map(({ begin, end }) => [begin, end]);
+  });
+  // A whole line, one that fits, its start, its middle and its end, and one without points.
+  assert.deepEqual(found, [[10, 19], [10, 19], [10, 13], [13, 16], [16, 19], [10, 9]]);
+});
+
 onMadeUp('while a report is computed its frame says so', async (page) => {
   const trace = { name: 'a.mcap', program: 'a.ngc', is_open: false, started: 0, modified: 1, duration_s: 1, bytes: 1, problem: '' };
   await page.route('**/traces', (route) => route.fulfill({ json: [trace, { ...trace, name: 'b.mcap' }] }));
