@@ -96,6 +96,7 @@ mod thread_cam;
 mod thread_follower;
 mod thread_landing;
 mod thread_retreat;
+mod thread_ripple;
 mod threading;
 mod transfer_executor;
 

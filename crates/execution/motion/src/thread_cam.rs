@@ -9,6 +9,8 @@
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
 
+use crate::thread_ripple::product;
+
 /// Fraction of the acceleration that the kernels use; the rest is for changes of the spindle speed.
 const ACCELERATION_FRACTION: f64 = 0.8;
 /// Fraction of the jerk that the kernels use.
@@ -276,6 +278,29 @@ impl ThreadCam {
         max
     }
 
+    /// How far this is inside a straight part, and the derivatives by turns: 0 in the rounding of corners, 1
+    /// from this number of turns away from it. Real-time safe.
+    pub(crate) fn straightness(&self, turns: f64, change_turns: f64) -> [f64; 4] {
+        for (index, corner) in self.corners.iter().take(self.legs.len()).enumerate() {
+            let begins = corner.at + corner.half();
+            let ends = self
+                .corners
+                .get(index + 1)
+                .map_or(f64::INFINITY, |next| next.at - next.half());
+            if turns > begins && turns < ends {
+                let [from, to] = [turns - begins, ends - turns].map(|away| away / change_turns);
+                let scales = [1.0, change_turns, change_turns.powi(2), change_turns.powi(3)];
+                let (mut from, mut to) = (smooth_step(from), smooth_step(to));
+                for (order, scale) in scales.into_iter().enumerate() {
+                    from[order] /= scale;
+                    to[order] /= if order % 2 == 0 { scale } else { -scale };
+                }
+                return product(&from, &to);
+            }
+        }
+        [0.0; 4]
+    }
+
     /// Position and derivatives by turns. Real-time safe.
     pub(crate) fn at(&self, turns: f64) -> Jet {
         let mut jet = Jet::at_rest(self.start);
@@ -334,6 +359,18 @@ fn ramp(x: f64, (wide, narrow): (f64, f64)) -> [f64; 4] {
     }
 }
 
+/// A step from 0 to 1 between x = 0 and 1, and its derivatives, which are continuous up to the third.
+fn smooth_step(x: f64) -> [f64; 4] {
+    let x = x.clamp(0.0, 1.0);
+    let both = x * (1.0 - x);
+    [
+        x.powi(4) * (35.0 - 84.0 * x + 70.0 * x * x - 20.0 * x * x * x),
+        140.0 * both.powi(3),
+        420.0 * both * both * (1.0 - 2.0 * x),
+        840.0 * both * (1.0 - 5.0 * both),
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use evolvent_path::AXES;
@@ -380,6 +417,44 @@ mod tests {
         // Straight in the middle: 1.5 mm per turn, independent of the corners.
         let middle = cam.at(12.0);
         assert!((middle.position[2] + 18.0).abs() < 1e-12 && (middle.first[2] + 1.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn straight_parts_are_between_corners_and_their_derivatives_match() {
+        // The second leg is shorter than two changes.
+        let legs = [leg(-1.0, -9.0, 6.0), leg(-1.0, -13.5, 3.0), leg(0.0, -30.0, 11.0)];
+        let mut cam = ThreadCam::new(Axes::zeros(), legs.into(), false, 0.001);
+        cam.shape(10.0, &limits(), 1e-3).unwrap();
+        let step = 1e-4;
+        for at in 0..23_000 {
+            let turns = -1.5 + 1e-3 * f64::from(at);
+            let [low, here, high] =
+                [turns - step, turns, turns + step].map(|turns| cam.straightness(turns, 2.0));
+            for order in 1..4 {
+                let slope = (high[order - 1] - low[order - 1]) / (2.0 * step);
+                assert!(
+                    (slope - here[order]).abs() < 2e-3,
+                    "{turns} {order}: {slope} {}",
+                    here[order]
+                );
+            }
+            let is_corner = cam
+                .corners
+                .iter()
+                .any(|corner| (turns - corner.at).abs() <= corner.half());
+            assert!(here[0] == 0.0 || !is_corner, "{turns}");
+        }
+        assert_eq!(cam.straightness(3.0, 2.0), [1.0, 0.0, 0.0, 0.0]);
+        let tap = {
+            let mut tap = ThreadCam::new(Axes::zeros(), [leg(0.0, -9.0, 6.0)].into(), true, 0.001);
+            tap.shape(10.0, &limits(), 1e-3).unwrap();
+            tap
+        };
+        assert_eq!(
+            tap.straightness(8.0, 2.0),
+            [1.0, 0.0, 0.0, 0.0],
+            "beyond the depth"
+        );
     }
 
     #[test]

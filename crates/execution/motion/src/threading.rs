@@ -7,7 +7,7 @@
 //! stay within the acceleration and jerk that the path leaves.
 
 use evolvent_machine::Limits;
-use evolvent_path::{AXES, Axes, Jet};
+use evolvent_path::{Axes, Jet};
 use evolvent_signals::{AngleJet, SpindleInput, SpindleKnowledge};
 
 use crate::path_executor::PathExecutor;
@@ -17,10 +17,8 @@ use crate::thread_cam::{SPEED_RESERVE, ThreadCam, ThreadLeg, ThreadObjection};
 use crate::thread_follower::ThreadFollower;
 use crate::thread_landing::Landing;
 use crate::thread_retreat::ThreadRetreat;
+use crate::thread_ripple::FollowedRipple;
 
-/// Fraction of acceleration and jerk that following one harmonic of the turn may use. A larger part of it is
-/// not followed.
-const RIPPLE_FRACTION: f64 = 0.3;
 /// Maximum distance of the axes from the position for the spindle angle, mm; beyond it the pass is given up.
 const PHASE_TOLERANCE_MM: f64 = 0.1;
 /// Ratio of the spindle speed to that at the start of a pass below which the spindle counts as stalled.
@@ -198,8 +196,7 @@ pub struct Threading {
     origin: Option<f64>,
     /// Speed at the start of the pass.
     begun_at: f64,
-    /// The fraction of each harmonic that is followed, 0 to 1.
-    followed_fractions: [f64; 3],
+    followed_ripple: FollowedRipple,
     /// Time since a stop of a tap was requested, s: it follows the spindle until that stops.
     stopping_s: Option<f64>,
     /// Time for which the spindle has been slower than [`STALL_RATIO`], s.
@@ -245,7 +242,7 @@ impl Threading {
             phase: Phase::Waiting(0.0),
             origin: None,
             begun_at: 0.0,
-            followed_fractions: [0.0; 3],
+            followed_ripple: FollowedRipple::default(),
             stopping_s: None,
             slow_s: 0.0,
             turns: 0.0,
@@ -277,47 +274,13 @@ impl Threading {
         match spindle.knowledge {
             SpindleKnowledge::Tracked | SpindleKnowledge::Imagined => {
                 let direction = self.turns_per_s.signum();
-                let (mut angle, mut third) = (spindle.mean, 0.0);
-                for ((order, ripple), fraction) in
-                    spindle.ripple.iter().enumerate().zip(self.followed_fractions)
-                {
-                    let rate = std::f64::consts::TAU * (order + 1) as f64 * spindle.mean[1];
-                    for (value, ripple) in angle.iter_mut().zip(ripple) {
-                        *value += fraction * ripple;
-                    }
-                    third -= fraction * rate * rate * ripple[1];
-                }
+                let turns = direction * spindle.mean[0] - self.origin.unwrap_or(0.0);
+                let (angle, third) =
+                    self.followed_ripple
+                        .add(&spindle.mean, &spindle.ripple, turns, direction, &self.cam);
                 Some((angle.map(|value| direction * value), direction * third))
             }
             SpindleKnowledge::Unknown | SpindleKnowledge::Seeking => None,
-        }
-    }
-
-    /// Chooses the fractions of the spindle's ripple that the axes can follow.
-    fn choose_ripple(&mut self, spindle: &SpindleInput) {
-        let steepest = self.cam.steepest();
-        for ((order, ripple), fraction) in spindle
-            .ripple
-            .iter()
-            .enumerate()
-            .zip(&mut self.followed_fractions)
-        {
-            let rate = std::f64::consts::TAU * (order + 1) as f64 * spindle.mean[1].abs();
-            let amplitude = steepest * libm::hypot(ripple[0], ripple[1] / rate);
-            *fraction = 1.0;
-            for axis in 0..AXES {
-                if self.limits.present[axis] {
-                    let jerk = amplitude * rate * rate * rate;
-                    let acceleration = amplitude * rate * rate;
-                    *fraction = fraction
-                        .min(RIPPLE_FRACTION * self.limits.jerk[axis] / jerk)
-                        .min(RIPPLE_FRACTION * self.limits.acceleration[axis] / acceleration);
-                }
-            }
-            // A ripple of zero gives NaN.
-            if fraction.is_nan() {
-                *fraction = 1.0;
-            }
         }
     }
 
@@ -356,7 +319,13 @@ impl Threading {
             self.phase = Phase::Over(ThreadVerdict::Refused(objection));
             return;
         }
-        self.choose_ripple(spindle);
+        self.followed_ripple = FollowedRipple::new(
+            &spindle.ripple,
+            spindle.mean[1],
+            fastest,
+            self.cam.steepest(),
+            &self.limits,
+        );
         self.begun_at = angle[1];
         // The next turn whose run-in is still ahead.
         let head_start = HEAD_START_TURNS + 2.0 * angle[1] * period_s;
