@@ -219,7 +219,7 @@ impl StatusSource for RunStatus {
         if alarm != 0 && status.alarm_count == 0 {
             status.push_alarm(alarm);
         }
-        port.publish(status);
+        port.publish(status, 0);
     }
 
     fn is_over(&self) -> bool {

@@ -72,10 +72,11 @@ pub(crate) struct StatusPort<'a> {
 }
 
 impl StatusPort<'_> {
-    /// Publishes a status. One that cannot be sent is superseded by the next.
-    pub(crate) fn publish(&mut self, status: &mut Status) {
+    /// Publishes a status. One that cannot be sent is superseded by the next. `lines_before`: lines of its job
+    /// that nobody has written.
+    pub(crate) fn publish(&mut self, status: &mut Status, lines_before: u32) {
         if let Some(stops) = &mut self.stops {
-            stops.fill(status);
+            stops.fill(status, lines_before);
         }
         self.spindles.fill(self.periphery, status);
         let _lost = self.bus.publish_status(status);

@@ -75,8 +75,9 @@ impl StopWatch {
         self.moved = moves;
     }
 
-    /// Writes the longest stop of the status's job, if known.
-    pub(crate) fn fill(&mut self, status: &mut Status) {
+    /// Writes the longest stop of the status's job, if known. `lines_before`: lines of the job that do not
+    /// count.
+    pub(crate) fn fill(&mut self, status: &mut Status, lines_before: u32) {
         while let Ok(found) = self.found.pop() {
             self.newest = found;
         }
@@ -87,7 +88,7 @@ impl StopWatch {
         };
         status.longest_stop_mm = stop.path_mm;
         status.longest_stop_s = stop.duration_s;
-        status.longest_stop_line = stop.line;
+        status.longest_stop_line = stop.line.saturating_sub(lines_before);
     }
 }
 
@@ -319,18 +320,18 @@ mod tests {
         let begun = Instant::now();
         // The stops from the start of the motion are known first.
         while status.longest_stop_mm < 25.0 && begun.elapsed() < Duration::from_secs(20) {
-            watch.fill(&mut status);
+            watch.fill(&mut status, 2);
             thread::sleep(POLL_INTERVAL);
         }
         let stop = LongestStop {
             path_mm: status.longest_stop_mm,
             duration_s: status.longest_stop_s,
-            line: status.longest_stop_line,
+            line: status.longest_stop_line + 2,
             sequence: 0,
         };
         expect(stop, 200.0);
         status.job = 5;
-        watch.fill(&mut status);
+        watch.fill(&mut status, 0);
         assert_eq!((status.longest_stop_mm, status.longest_stop_line), (0.0, 0));
         drop(watch);
         assert!(thread.join().is_ok());

@@ -14,6 +14,8 @@ pub(super) struct ProgramContext {
     pub(super) parameters: String,
     /// Numbers of the next block and action.
     pub(super) numbers: (u32, u32),
+    /// Lines of the last job before those of its author: the preamble of a block of MDI.
+    pub(super) lines_before: u32,
     /// Of the running job, or of the next one.
     pub(super) switches: Arc<Switches>,
     pub(super) tally: ProgramTally,
@@ -26,6 +28,7 @@ impl ProgramContext {
             modes,
             parameters: String::new(),
             numbers: (0, 0),
+            lines_before: 0,
             switches: Arc::new(Switches::new(&SwitchState::default())),
             tally: ProgramTally::default(),
             track: BlockTrack::default(),

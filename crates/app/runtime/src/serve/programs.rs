@@ -53,8 +53,6 @@ pub(super) struct ProgramRun {
     pub(super) ended: Option<JobResult>,
     /// The state that a block of MDI leaves when it is done.
     pub(super) after: Option<After>,
-    /// Lines of the preamble of a block of MDI, which the operator has not written.
-    pub(super) lines_before: u32,
     /// Single step in a plan that was made without it.
     pub(super) step: Option<StepBehind>,
     /// The number of its first block.
@@ -140,14 +138,6 @@ fn approach_text(start: &Start) -> String {
 }
 
 impl Operator {
-    /// Number of preamble lines, which the operator has not written.
-    pub(super) const fn lines_before(&self) -> u32 {
-        match &self.job {
-            Job::Program(run) => run.lines_before,
-            _ => 0,
-        }
-    }
-
     pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         self.files.checking = None;
         self.message.program_changes();
@@ -298,6 +288,7 @@ impl Operator {
         })
         .map_err(|error| Rejection::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
         self.program.track = BlockTrack::default();
+        self.program.lines_before = lines_before;
         self.message.clear();
         self.stops.is_emergency = false;
         (self.stops.hold, self.stops.stopping) = (false, false);
@@ -305,7 +296,6 @@ impl Operator {
             planning,
             ended: None,
             after,
-            lines_before,
             step: None,
             first_block: self.program.numbers.0,
             command: None,

@@ -12,6 +12,8 @@ use crate::status_source::{StatusPort, StatusSource};
 pub(crate) struct Snapshot {
     pub status: Status,
     pub event: Option<EventKind>,
+    /// Lines of its job that the operator has not written.
+    pub lines_before: u32,
 }
 
 /// The publisher's ends of the queues to control thread and cycle.
@@ -41,7 +43,7 @@ impl StatusSource for ServedStatus {
 
     fn poll(&mut self, port: &mut StatusPort<'_>) {
         while let Ok(mut snapshot) = self.snapshots.pop() {
-            port.publish(&mut snapshot.status);
+            port.publish(&mut snapshot.status, snapshot.lines_before);
             if let Some(event) = snapshot.event {
                 port.notify(event);
             }

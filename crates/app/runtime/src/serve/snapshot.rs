@@ -159,7 +159,7 @@ pub(crate) fn snapshot(
         mode: state.mode() as u32,
         machine_state: state.machine() as u32,
         flags: setpoint.flags & !flags::LATE,
-        line: setpoint.line.saturating_sub(operator.lines_before()),
+        line: setpoint.line.saturating_sub(operator.program.lines_before),
         axes_mask: operator.present().bits(),
         homed_mask: state.homed().bits(),
         tool: periphery.tool,

@@ -49,7 +49,11 @@ impl StatusWriter {
             self.sequence += 1;
             let mut status = snapshot(operator, pulse, published, self.sequence, now_ns);
             status.set_message(&text);
-            let _sent = self.snapshots.push(Snapshot { status, event: None });
+            let _sent = self.snapshots.push(Snapshot {
+                status,
+                event: None,
+                lines_before: operator.program.lines_before,
+            });
         }
         if self.snapshots.is_full() {
             return;
@@ -59,7 +63,11 @@ impl StatusWriter {
         let status = snapshot(operator, pulse, published, self.sequence, now_ns);
         let before = self.mark.filter(|_| changed);
         let event = before.map(|before| now_mark.event(before));
-        let _sent = self.snapshots.push(Snapshot { status, event });
+        let _sent = self.snapshots.push(Snapshot {
+            status,
+            event,
+            lines_before: operator.program.lines_before,
+        });
         self.mark = Some(now_mark);
         operator.message.is_in_status();
     }

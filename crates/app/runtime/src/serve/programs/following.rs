@@ -356,7 +356,7 @@ impl Operator {
             // the next planner would find a different heap.
             (JobResult::Done, Ok(Some(left)), None) => self.store.memory.clone_from(&left),
             (JobResult::Failed, Err(error), _) => {
-                let lines_before = self.lines_before();
+                let lines_before = self.program.lines_before;
                 let text = match &error {
                     ProgramError::Text { diagnostic, .. } => sentence(diagnostic, lines_before),
                     ProgramError::Read { .. } => error.to_string(),
