@@ -29,27 +29,37 @@ fn build() -> PathBuf {
 /// # Panics
 /// If it cannot be built.
 pub(crate) fn build_program(name: &str) -> PathBuf {
+    build_targets(&["--bin", name]).join(name)
+}
+
+/// Builds targets of this workspace (arguments of `cargo build`) in the profile and the target folder of the
+/// tests. Returns the folder of that profile.
+///
+/// # Panics
+/// If they cannot be built.
+pub(crate) fn build_targets(targets: &[&str]) -> PathBuf {
     let test = std::env::current_exe().expect("the path of this test");
     let profile_folder = test.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
     let profile = match profile_folder.file_name().and_then(OsStr::to_str) {
         Some("debug") | None => "dev",
         Some(name) => name,
     };
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    // Variables of the package of the running test: build scripts that ask for them would run again, and what
+    // depends on them would be compiled again.
+    for (name, _) in std::env::vars_os() {
+        let text = name.to_string_lossy();
+        if text.starts_with("CARGO_PKG_") || text.starts_with("CARGO_MANIFEST_") {
+            cargo.env_remove(name);
+        }
+    }
     // The workspace with one of its tests: the same features of all dependencies as in
     // `cargo test --workspace`, so that nothing is compiled twice.
-    let built = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+    let built = cargo
         .current_dir(repository())
-        .args([
-            "build",
-            "--quiet",
-            "--workspace",
-            "--bin",
-            name,
-            "--test",
-            "runs",
-            "--profile",
-            profile,
-        ])
+        .args(["build", "--quiet", "--workspace", "--test", "runs"])
+        .args(["--profile", profile])
+        .args(targets)
         .arg("--target-dir")
         .arg(profile_folder.parent().unwrap_or(Path::new("target")))
         .output()
@@ -59,7 +69,7 @@ pub(crate) fn build_program(name: &str) -> PathBuf {
         "{}",
         String::from_utf8_lossy(&built.stderr)
     );
-    profile_folder.join(name)
+    profile_folder.to_path_buf()
 }
 
 /// The result of a command.

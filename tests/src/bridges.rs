@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use serde_json::Value;
 
+use crate::binary::build_targets;
 use crate::{evolvent, repository};
 
 /// Number of concurrent cases; each has its own bus.
@@ -74,24 +75,8 @@ pub fn hold_to_the_suite(options: &[&str], command: &[String]) -> Vec<Value> {
 /// If there is no compiler, or if it reports an error.
 #[must_use]
 pub fn c_example(name: &str, folder: &Path) -> PathBuf {
-    let test = std::env::current_exe().expect("the path of this test");
-    let profile_folder = test.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
-    let built = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .current_dir(repository())
-        .args(["build", "--quiet", "-p", "evolvent-bus-c", "--target-dir"])
-        .arg(profile_folder.parent().unwrap_or(Path::new("target")))
-        .output()
-        .expect("cargo to start");
-    assert!(
-        built.status.success(),
-        "{}",
-        String::from_utf8_lossy(&built.stderr)
-    );
+    let library = build_targets(&["--lib"]).join("libevolvent_bus_c.a");
     let program = folder.join(name);
-    let library = profile_folder
-        .parent()
-        .unwrap_or(Path::new("target"))
-        .join("debug/libevolvent_bus_c.a");
     let compiled = Command::new("cc")
         .current_dir(repository())
         .args([
