@@ -600,7 +600,7 @@ fn without_a_fault_nothing_is_said_of_its_reset() {
 
 /// Verdicts on all of them. Each case waits most of the time, so several run at once, each on its own bus.
 fn verdicts<'a>(plays: &[(Flaw, &'a str)]) -> Vec<(Flaw, &'a str, Result<Outcome, String>)> {
-    const A_THREAD: usize = 5;
+    const A_THREAD: usize = 3;
     std::thread::scope(|scope| {
         let parts: Vec<_> = plays
             .chunks(A_THREAD)
