@@ -13,13 +13,11 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use thiserror::Error;
 
-use axis::{AxisFile, check_gantries};
+use axis::AxisFile;
 use pins::{InputPinFile, OutputPinFile, PinFile};
 use spindle::SpindleFiles;
 
-use crate::board_settings::{
-    BoardAxis, BoardSettings, InputPin, InputSource, OutputPin, OutputTarget, RemoteSettings, SpindleSpeed,
-};
+use crate::board_settings::{BoardSettings, InputPin, InputSource, OutputPin, RemoteSettings, SpindleSpeed};
 use crate::smart_serial::MAX_REMOTES;
 
 /// The largest file that is read, bytes.
@@ -135,6 +133,47 @@ pub fn board_schema() -> serde_json::Value {
     schemars::schema_for!(BoardFile).to_value()
 }
 
+impl BoardFile {
+    fn address(&self, sheet: &ConfigDocument<'_>) -> Result<IpAddr, ConfigError> {
+        self.address.parse().map_err(|_| {
+            let what = format!("`{}` is not an address", self.address);
+            sheet.error("address", what, "give the board's, such as \"192.168.1.121\"")
+        })
+    }
+
+    fn check_numbers(&self, sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
+        sheet.number("max_lost_packets", f64::from(self.max_lost_packets), 1.0, 50.0)?;
+        sheet.number("watchdog_ms", self.watchdog_ms, 2.0, MAX_WATCHDOG_MS)?;
+        sheet.number("pwm_hz", self.pwm_hz, 100.0, 48_000.0)?;
+        sheet.number("input_filter_us", self.input_filter_us, 0.0, 3000.0)?;
+        sheet.number("slow_filter_ms", self.slow_filter_ms, 0.0, 50.0)
+    }
+
+    fn inputs(&self, sheet: &ConfigDocument<'_>) -> Result<Vec<InputPin>, ConfigError> {
+        let inputs = self.input.iter().enumerate();
+        inputs
+            .map(|(i, input)| {
+                Ok(InputPin {
+                    name: input.name.clone(),
+                    source: input.source(sheet, &format!("input[{i}]"))?,
+                })
+            })
+            .collect()
+    }
+
+    fn outputs(&self, sheet: &ConfigDocument<'_>) -> Result<Vec<OutputPin>, ConfigError> {
+        let outputs = self.output.iter().enumerate();
+        outputs
+            .map(|(i, output)| {
+                Ok(OutputPin {
+                    name: output.name.clone(),
+                    target: output.target(sheet, &format!("output[{i}]"))?,
+                })
+            })
+            .collect()
+    }
+}
+
 impl BoardSettings {
     /// Reads a file.
     ///
@@ -152,78 +191,12 @@ impl BoardSettings {
     pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::toml(text, file)?;
         let read: BoardFile = sheet.read()?;
-        let address: IpAddr = read.address.parse().map_err(|_| {
-            let what = format!("`{}` is not an address", read.address);
-            sheet.error("address", what, "give the board's, such as \"192.168.1.121\"")
-        })?;
-        sheet.number("max_lost_packets", f64::from(read.max_lost_packets), 1.0, 50.0)?;
-        sheet.number("watchdog_ms", read.watchdog_ms, 2.0, MAX_WATCHDOG_MS)?;
-        sheet.number("pwm_hz", read.pwm_hz, 100.0, 48_000.0)?;
-        sheet.number("input_filter_us", read.input_filter_us, 0.0, 3000.0)?;
-        sheet.number("slow_filter_ms", read.slow_filter_ms, 0.0, 50.0)?;
+        let address = read.address(&sheet)?;
+        read.check_numbers(&sheet)?;
         let remotes = RemoteFile::check_all(&read.remote, &sheet)?;
-        let mut axes: Vec<BoardAxis> = Vec::new();
-        for (i, axis) in read.axis.iter().enumerate() {
-            let key = format!("axis[{i}]");
-            let checked = axis.check(&sheet, &key)?;
-            let is_same = |other: &BoardAxis| {
-                other.axis == checked.axis && other.gantry.is_some() == checked.gantry.is_some()
-            };
-            if axes.iter().any(is_same) {
-                let what = "another entry moves this axis".to_owned();
-                return Err(sheet.error(
-                    &format!("{key}.letter"),
-                    what,
-                    "give each axis one entry, or make this the second motor of a gantry: [axis.gantry]",
-                ));
-            }
-            axes.push(checked);
-        }
-        if axes.is_empty() {
-            return Err(sheet.error("axis", "no axis is listed".to_owned(), "list each axis: [[axis]]"));
-        }
-        check_gantries(&axes, &sheet)?;
-        let mut inputs = Vec::new();
-        for (i, input) in read.input.iter().enumerate() {
-            inputs.push(InputPin {
-                name: input.name.clone(),
-                source: input.source(&sheet, &format!("input[{i}]"))?,
-            });
-        }
-        let mut outputs = Vec::new();
-        for (i, output) in read.output.iter().enumerate() {
-            let key = format!("output[{i}]");
-            let target = match (output.pin, output.pwm, output.full) {
-                (Some(pin), None, None) => OutputTarget::Pin(
-                    PinFile {
-                        pin,
-                        remote: output.remote,
-                        inverted: output.inverted,
-                        slow: false,
-                    }
-                    .check(&sheet, &key)?,
-                ),
-                (None, Some(unit), Some(full)) => {
-                    sheet.number(&format!("{key}.pwm"), f64::from(unit), 0.0, MAX_UNITS)?;
-                    sheet.number(&format!("{key}.full"), full, 1e-6, 1e9)?;
-                    OutputTarget::Pwm {
-                        unit: unit as usize,
-                        full,
-                    }
-                }
-                _ => {
-                    return Err(sheet.error(
-                        &key,
-                        "an output needs `pin`, or `pwm` and `full`".to_owned(),
-                        "give pin for a digital output, pwm and full for an analog one",
-                    ));
-                }
-            };
-            outputs.push(OutputPin {
-                name: output.name.clone(),
-                target,
-            });
-        }
+        let axes = AxisFile::check_all(&read.axis, &sheet)?;
+        let inputs = read.inputs(&sheet)?;
+        let outputs = read.outputs(&sheet)?;
         let spindles = read.spindle.check(&axes, &sheet)?;
         let settings = Self {
             file: file.to_owned(),
@@ -245,14 +218,20 @@ impl BoardSettings {
                 PinFile::check_driven(read.mist, &sheet, "mist")?,
             ],
         };
-        for (key, remote) in settings.remotes_used() {
-            if remote >= settings.remotes.len() {
+        settings.check_remotes(&sheet)?;
+        settings.check_uses(&sheet)?;
+        Ok(settings)
+    }
+
+    /// Checks that the smart-serial devices that the file refers to are listed.
+    fn check_remotes(&self, sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
+        for (key, remote) in self.remotes_used() {
+            if remote >= self.remotes.len() {
                 let what = format!("there is no [[remote]] {remote}");
                 return Err(sheet.error(&key, what, "count them from 0, in their order"));
             }
         }
-        settings.check_uses(&sheet)?;
-        Ok(settings)
+        Ok(())
     }
 
     /// Smart-serial devices that the file refers to, with the key of each reference.

@@ -1,7 +1,7 @@
 //! Checks that a board file fits a machine file.
 
 use evolvent_drive::SpindleIndex;
-use evolvent_machine::{HomingMethod, Machine, SignalKind};
+use evolvent_machine::{HomingMethod, Machine, SignalKind, SignalSettings};
 use evolvent_path::AxisLetter;
 use thiserror::Error;
 
@@ -139,6 +139,13 @@ fn letter_of(axis: usize) -> char {
 /// # Errors
 /// The first mismatch.
 pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitError> {
+    check_axes(machine, board)?;
+    check_signals(&machine.signals, board)?;
+    check_spindles(&machine.signals, board)
+}
+
+/// Every axis has a motor, and every motor an axis.
+fn check_axes(machine: &Machine, board: &BoardSettings) -> Result<(), FitError> {
     for axis in &board.axes {
         if !machine
             .axes
@@ -174,19 +181,20 @@ pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitErro
             check_motor(motor, letter, listed.max_velocity, max_velocity)?;
         }
     }
-    let signals = &machine.signals;
+    Ok(())
+}
+
+fn check_signals(signals: &SignalSettings, board: &BoardSettings) -> Result<(), FitError> {
     for input in &board.inputs {
-        let known = |kind| {
-            signals
-                .inputs
-                .iter()
-                .any(|listed| listed.name == input.name && listed.kind == kind)
-        };
         let kind = match input.source {
             InputSource::Pin(_) => SignalKind::Digital,
             InputSource::Encoder { .. } | InputSource::Remote { .. } => SignalKind::Analog,
         };
-        if !known(kind) {
+        let known = signals
+            .inputs
+            .iter()
+            .any(|listed| listed.name == input.name && listed.kind == kind);
+        if !known {
             return Err(FitError::NoSignal {
                 name: input.name.clone(),
                 kind: kind.name(),
@@ -211,6 +219,10 @@ pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitErro
             });
         }
     }
+    Ok(())
+}
+
+fn check_spindles(signals: &SignalSettings, board: &BoardSettings) -> Result<(), FitError> {
     for spindle in &board.spindles {
         let number = spindle.number;
         let Some(listed) = signals.spindle(number as u32) else {

@@ -76,7 +76,35 @@ pub(super) struct AxisFile {
 }
 
 impl AxisFile {
-    pub(super) fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<BoardAxis, ConfigError> {
+    /// Checks all axes, each alone and as the motors of gantries.
+    pub(super) fn check_all(
+        listed: &[Self],
+        sheet: &ConfigDocument<'_>,
+    ) -> Result<Vec<BoardAxis>, ConfigError> {
+        let mut axes: Vec<BoardAxis> = Vec::new();
+        for (i, axis) in listed.iter().enumerate() {
+            let key = format!("axis[{i}]");
+            let checked = axis.check(sheet, &key)?;
+            let is_same = |other: &BoardAxis| {
+                other.axis == checked.axis && other.gantry.is_some() == checked.gantry.is_some()
+            };
+            if axes.iter().any(is_same) {
+                return Err(sheet.error(
+                    &format!("{key}.letter"),
+                    "another entry moves this axis".to_owned(),
+                    "give each axis one entry, or make this the second motor of a gantry: [axis.gantry]",
+                ));
+            }
+            axes.push(checked);
+        }
+        if axes.is_empty() {
+            return Err(sheet.error("axis", "no axis is listed".to_owned(), "list each axis: [[axis]]"));
+        }
+        check_gantries(&axes, sheet)?;
+        Ok(axes)
+    }
+
+    fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<BoardAxis, ConfigError> {
         let at = |name: &str| format!("{key}.{name}");
         let mut letters = self.letter.chars();
         let letter = match (letters.next().and_then(AxisLetter::from_letter), letters.next()) {
@@ -177,7 +205,7 @@ impl AxisFile {
 }
 
 /// Checks that the two motors of each gantry belong together.
-pub(super) fn check_gantries(axes: &[BoardAxis], sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
+fn check_gantries(axes: &[BoardAxis], sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
     for (i, second) in axes.iter().enumerate().filter(|(_, axis)| axis.gantry.is_some()) {
         let key = format!("axis[{i}].gantry");
         let is_first = |axis: &&BoardAxis| axis.axis == second.axis && axis.gantry.is_none();

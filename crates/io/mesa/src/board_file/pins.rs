@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::MAX_UNITS;
-use crate::board_settings::{InputSource, Pin};
+use crate::board_settings::{InputSource, OutputTarget, Pin};
 
 /// Maximum number of HostMot2 pins.
 const MAX_PINS: f64 = 143.0;
@@ -159,6 +159,33 @@ impl InputPinFile {
                 key,
                 "an input needs either `pin` or `encoder`".to_owned(),
                 "give pin for a digital input, encoder for an analog one that counts",
+            )),
+        }
+    }
+}
+
+impl OutputPinFile {
+    pub(super) fn target(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<OutputTarget, ConfigError> {
+        match (self.pin, self.pwm, self.full) {
+            (Some(pin), None, None) => {
+                let pin = PinFile {
+                    pin,
+                    remote: self.remote,
+                    inverted: self.inverted,
+                    slow: false,
+                };
+                pin.check(sheet, key).map(OutputTarget::Pin)
+            }
+            (None, Some(unit), Some(full)) => {
+                sheet.number(&format!("{key}.pwm"), f64::from(unit), 0.0, MAX_UNITS)?;
+                sheet.number(&format!("{key}.full"), full, 1e-6, 1e9)?;
+                let unit = unit as usize;
+                Ok(OutputTarget::Pwm { unit, full })
+            }
+            _ => Err(sheet.error(
+                key,
+                "an output needs `pin`, or `pwm` and `full`".to_owned(),
+                "give pin for a digital output, pwm and full for an analog one",
             )),
         }
     }
