@@ -17,6 +17,9 @@ const MAX_STEP: f64 = 10.0;
 const MAX_OVERRIDE: f64 = 2.0;
 /// Maximum number of block starts in one retrace.
 const MAX_BLOCKS: u32 = 1000;
+/// Largest number and diameter of a tool.
+const MAX_TOOL: u32 = 99_999;
+const MAX_DIAMETER_MM: f64 = 1e4;
 /// Minimum spindle override. At 0 the spindle would stop in the cut while the feed continues.
 const MIN_SPINDLE_OVERRIDE: f64 = 0.1;
 /// Work coordinate systems G54 to G59.3.
@@ -108,25 +111,7 @@ impl OperatorCommand {
                 values: values(raw)?,
             },
             CommandCode::Tool if raw.index == 0 => Self::ReloadTools,
-            CommandCode::Tool => {
-                if raw.index > 99_999 {
-                    return Err(range("the tool's number", f64::from(raw.index), 1.0, 99_999.0));
-                }
-                if raw.amount > 1e4 {
-                    return Err(range("the diameter", raw.amount, 0.0, 1e4));
-                }
-                Self::Tool(ToolEntry {
-                    number: raw.index,
-                    // A diameter alone names no axis.
-                    axes: match raw.axes_mask {
-                        0 => AxisMask::from_bits(0),
-                        _ => axes(raw, present)?,
-                    },
-                    offset: values(raw)?,
-                    // Below zero: not given.
-                    diameter_mm: (raw.amount >= 0.0).then_some(raw.amount),
-                })
-            }
+            CommandCode::Tool => Self::Tool(tool(raw, present)?),
             CommandCode::ClearAlarms => Self::ClearAlarms,
             CommandCode::SetOutput => Self::SetOutput {
                 name: text(raw)?,
@@ -136,15 +121,7 @@ impl OperatorCommand {
             CommandCode::Return => Self::Return {
                 max_velocity: speed(raw)?,
             },
-            CommandCode::Retrace if raw.index > MAX_BLOCKS => {
-                return Err(range(
-                    "the number of blocks",
-                    f64::from(raw.index),
-                    1.0,
-                    f64::from(MAX_BLOCKS),
-                ));
-            }
-            CommandCode::Retrace => Self::Retrace(raw.index.max(1)),
+            CommandCode::Retrace => Self::Retrace(blocks(raw)?),
         };
         Ok((code, command))
     }
@@ -160,6 +137,44 @@ fn range(what: &str, value: f64, low: f64, high: f64) -> Rejection {
             plain(high)
         ),
     )
+}
+
+fn tool(raw: &RawCommand<'_>, present: AxisMask) -> Result<ToolEntry, Rejection> {
+    if raw.index > MAX_TOOL {
+        return Err(range(
+            "the tool's number",
+            f64::from(raw.index),
+            1.0,
+            f64::from(MAX_TOOL),
+        ));
+    }
+    if raw.amount > MAX_DIAMETER_MM {
+        return Err(range("the diameter", raw.amount, 0.0, MAX_DIAMETER_MM));
+    }
+    Ok(ToolEntry {
+        number: raw.index,
+        // A diameter alone names no axis.
+        axes: match raw.axes_mask {
+            0 => AxisMask::from_bits(0),
+            _ => axes(raw, present)?,
+        },
+        offset: values(raw)?,
+        // Below zero: not given.
+        diameter_mm: (raw.amount >= 0.0).then_some(raw.amount),
+    })
+}
+
+/// Number of block starts to retrace; 0 counts as 1.
+fn blocks(raw: &RawCommand<'_>) -> Result<u32, Rejection> {
+    if raw.index > MAX_BLOCKS {
+        return Err(range(
+            "the number of blocks",
+            f64::from(raw.index),
+            1.0,
+            f64::from(MAX_BLOCKS),
+        ));
+    }
+    Ok(raw.index.max(1))
 }
 
 /// One axis or none, and its step; 0 for the smallest step of the wheel.
