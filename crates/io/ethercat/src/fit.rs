@@ -303,7 +303,7 @@ pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
         }
     }
     for device in &network.devices {
-        let is_drive = device.axis.is_some() || device.spindle.is_some();
+        let is_drive = device.is_drive();
         let brake = device.outputs.iter().find(|output| output.channel.bit == 0);
         if let Some(output) = brake.filter(|_| is_drive) {
             let what = match &output.source {

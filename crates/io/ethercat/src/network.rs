@@ -2,6 +2,7 @@
 
 mod axis;
 mod file;
+mod gantry;
 mod homing;
 mod spindle;
 
@@ -12,8 +13,9 @@ use evolvent_drive::GantrySettings;
 use evolvent_path::AxisMask;
 use thiserror::Error;
 
+use file::NetworkFile;
 pub use file::network_schema;
-use file::{NetworkFile, check_signals};
+use gantry::check_gantries;
 pub use spindle::NetworkSpindle;
 
 use crate::homing::HomingOnDrive;
@@ -74,6 +76,13 @@ pub struct NetworkDevice {
     pub inputs: Vec<NetworkInput>,
     /// Outputs that it sets.
     pub outputs: Vec<NetworkOutput>,
+}
+
+impl NetworkDevice {
+    /// Whether it drives an axis or a spindle; otherwise it is a coupler or a terminal.
+    pub(crate) const fn is_drive(&self) -> bool {
+        self.axis.is_some() || self.spindle.is_some()
+    }
 }
 
 /// An object to be written, with its bytes.
@@ -168,106 +177,11 @@ impl Network {
                 format!("list 1 to {MAX_DEVICES}, in their order on the wire"),
             ));
         }
-        let mut devices: Vec<NetworkDevice> = Vec::new();
+        let mut devices = Vec::new();
         for (i, device) in read.device.into_iter().enumerate() {
-            let key = format!("device[{i}]");
-            if devices.iter().any(|other| other.name == device.name) {
-                let what = format!("`{}` is also the name of another device", device.name);
-                return Err(sheet.error(&format!("{key}.name"), what, "give each its own name"));
-            }
-            let startup = device.startup.iter().enumerate();
-            let startup = startup
-                .map(|(j, entry)| entry.check(&sheet, &format!("{key}.startup[{j}]")))
-                .collect::<Result<_, _>>()?;
-            let axis = match &device.axis {
-                Some(axis) => Some(axis.check(&sheet, &format!("{key}.axis"))?),
-                None => None,
-            };
-            let taken = axis.is_some_and(|axis| {
-                devices
-                    .iter()
-                    .filter_map(|other| other.axis)
-                    .any(|other| other.axis == axis.axis && other.gantry.is_some() == axis.gantry.is_some())
-            });
-            if taken {
-                let what = "another device drives this axis".to_owned();
-                return Err(sheet.error(
-                    &format!("{key}.axis.letter"),
-                    what,
-                    "give each drive its own axis, or make it the second of a gantry: [device.axis.gantry]",
-                ));
-            }
-            let spindle = match &device.spindle {
-                Some(spindle) => Some(spindle.check(&sheet, &format!("{key}.spindle"))?),
-                None => None,
-            };
-            if axis.is_some() && spindle.is_some() {
-                return Err(sheet.error(
-                    &format!("{key}.spindle"),
-                    "a drive moves an axis or turns a spindle".to_owned(),
-                    "remove [device.axis] or [device.spindle]",
-                ));
-            }
-            let mut others = devices.iter().filter_map(|other| other.spindle);
-            if let Some(spindle) = spindle
-                && others.any(|other| other.number == spindle.number)
-            {
-                return Err(sheet.error(
-                    &format!("{key}.spindle.number"),
-                    format!("another device drives spindle {}", spindle.number),
-                    "give each its own number, 0 to 3",
-                ));
-            }
-            let (inputs, outputs) = check_signals(&sheet, &key, &device, &devices)?;
-            devices.push(NetworkDevice {
-                name: device.name,
-                vendor: device.vendor,
-                product: device.product,
-                revision: device.revision,
-                startup,
-                axis,
-                spindle,
-                inputs,
-                outputs,
-            });
+            devices.push(device.check(&sheet, &format!("device[{i}]"), &devices)?);
         }
-        for (i, device) in devices.iter().enumerate() {
-            let Some(axis) = device.axis.filter(|axis| axis.gantry.is_some()) else {
-                continue;
-            };
-            let mut others = devices.iter().filter_map(|other| other.axis);
-            let first = others.find(|other| other.axis == axis.axis && other.gantry.is_none());
-            let key = format!("device[{i}].axis.gantry");
-            let Some(first) = first else {
-                return Err(sheet.error(
-                    &key,
-                    "no other device drives this axis".to_owned(),
-                    "give the first drive of the gantry the same letter, without [device.axis.gantry]",
-                ));
-            };
-            // Otherwise only one of the drives would know its position.
-            let alike = first.absolute == axis.absolute
-                && first.homing.map(|homing| homing.order) == axis.homing.map(|homing| homing.order);
-            if !alike {
-                return Err(sheet.error(
-                    &key,
-                    "the drives of a gantry find their zero in different ways".to_owned(),
-                    "give both `absolute`, or both homing with the same `order`, or neither",
-                ));
-            }
-            if first.home_switch_bit.is_some() != axis.home_switch_bit.is_some() {
-                let key = if axis.home_switch_bit.is_some() {
-                    format!("device[{i}].axis.home_switch_bit")
-                } else {
-                    key
-                };
-                return Err(sheet.error(
-                    &key,
-                    "one drive of a gantry has a home switch, the other has none".to_owned(),
-                    "give each its own home_switch_bit, or remove it: then the beam is assumed to be square",
-                ));
-            }
-        }
+        check_gantries(&sheet, &devices)?;
         if devices.iter().all(|device| device.axis.is_none()) {
             return Err(sheet.error(
                 "device",
@@ -293,6 +207,18 @@ impl Network {
                 .is_some_and(|axis| axis.touch_probe || axis.probe_input_bit.is_some());
             probes || device.spindle.is_some() || !device.inputs.is_empty() || !device.outputs.is_empty()
         })
+    }
+
+    /// The devices that drive an axis, by their index.
+    pub(crate) fn axis_devices(&self) -> impl Iterator<Item = usize> {
+        let devices = self.devices.iter().enumerate();
+        devices.filter_map(|(device, listed)| listed.axis.is_some().then_some(device))
+    }
+
+    /// The devices that turn a spindle, by their index.
+    pub(crate) fn spindle_devices(&self) -> impl Iterator<Item = usize> {
+        let devices = self.devices.iter().enumerate();
+        devices.filter_map(|(device, listed)| listed.spindle.is_some().then_some(device))
     }
 
     /// Its axes.

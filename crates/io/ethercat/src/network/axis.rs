@@ -81,34 +81,8 @@ pub(super) const fn direct() -> [u32; 2] {
 impl AxisFile {
     pub(super) fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<NetworkAxis, ConfigError> {
         let at = |name: &str| format!("{key}.{name}");
-        let mut letters = self.letter.chars();
-        let letter = match (letters.next().and_then(AxisLetter::from_letter), letters.next()) {
-            (Some(letter), None) => letter,
-            _ => {
-                return Err(sheet.error(
-                    &at("letter"),
-                    format!("`{}` is not an axis", self.letter),
-                    "give one of X Y Z A B C U V W",
-                ));
-            }
-        };
-        let turn = match (self.turn_mm, self.turn_deg, letter.is_rotary()) {
-            (Some(turn), None, false) | (None, Some(turn), true) => turn,
-            (.., false) => {
-                return Err(sheet.error(
-                    key,
-                    "a linear axis needs turn_mm alone".to_owned(),
-                    "give what one turn moves it, in mm",
-                ));
-            }
-            (.., true) => {
-                return Err(sheet.error(
-                    key,
-                    "a rotary axis needs turn_deg alone".to_owned(),
-                    "give what one turn moves it, in degrees",
-                ));
-            }
-        };
+        let letter = self.check_letter(sheet, &at("letter"))?;
+        let turn = self.check_turn(sheet, key, letter.is_rotary())?;
         let scale = Scale::new(self.increments_per_turn, self.gear, turn).map_err(|error| {
             sheet.error(
                 key,
@@ -117,22 +91,7 @@ impl AxisFile {
             )
         })?;
         sheet.number(&at("zero"), self.zero, -1e6, 1e6)?;
-        let torque_per_acceleration = match (self.inertia_kg_m2, self.rated_torque_n_m) {
-            (None, _) => 0.0,
-            (Some(_), None) => {
-                return Err(sheet.error(
-                    &at("inertia_kg_m2"),
-                    "an inertia needs a rated torque".to_owned(),
-                    "give rated_torque_n_m as well",
-                ));
-            }
-            (Some(inertia), Some(torque)) => {
-                sheet.number(&at("inertia_kg_m2"), inertia, 1e-9, 1e3)?;
-                sheet.number(&at("rated_torque_n_m"), torque, 1e-3, 1e6)?;
-                let turns = scale.per_unit() / f64::from(self.increments_per_turn);
-                1000.0 * inertia / torque * core::f64::consts::TAU * turns
-            }
-        };
+        let torque_per_acceleration = self.check_torque(sheet, key, scale)?;
         if let Some(bit) = self.home_switch_bit {
             sheet.number(&at("home_switch_bit"), f64::from(bit), 0.0, 31.0)?;
         }
@@ -182,9 +141,7 @@ impl AxisFile {
             },
         })
     }
-}
 
-impl AxisFile {
     /// Checks the touch probe for the zero impulse, which must have no other use.
     fn check_index_probe(
         &self,
@@ -223,5 +180,53 @@ impl AxisFile {
                 "give 1 for 60BAh, or 2 for 60BCh",
             )),
         }
+    }
+
+    fn check_letter(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<AxisLetter, ConfigError> {
+        let mut letters = self.letter.chars();
+        match (letters.next().and_then(AxisLetter::from_letter), letters.next()) {
+            (Some(letter), None) => Ok(letter),
+            _ => Err(sheet.error(
+                key,
+                format!("`{}` is not an axis", self.letter),
+                "give one of X Y Z A B C U V W",
+            )),
+        }
+    }
+
+    /// What one turn behind the gear moves the axis, in its unit.
+    fn check_turn(&self, sheet: &ConfigDocument<'_>, key: &str, is_rotary: bool) -> Result<f64, ConfigError> {
+        match (self.turn_mm, self.turn_deg, is_rotary) {
+            (Some(turn), None, false) | (None, Some(turn), true) => Ok(turn),
+            (.., false) => Err(sheet.error(
+                key,
+                "a linear axis needs turn_mm alone".to_owned(),
+                "give what one turn moves it, in mm",
+            )),
+            (.., true) => Err(sheet.error(
+                key,
+                "a rotary axis needs turn_deg alone".to_owned(),
+                "give what one turn moves it, in degrees",
+            )),
+        }
+    }
+
+    /// Torque in thousandths of the rated torque per acceleration of one unit/s2; 0 without an inertia.
+    fn check_torque(&self, sheet: &ConfigDocument<'_>, key: &str, scale: Scale) -> Result<f64, ConfigError> {
+        let at = |name: &str| format!("{key}.{name}");
+        let Some(inertia) = self.inertia_kg_m2 else {
+            return Ok(0.0);
+        };
+        let Some(torque) = self.rated_torque_n_m else {
+            return Err(sheet.error(
+                &at("inertia_kg_m2"),
+                "an inertia needs a rated torque".to_owned(),
+                "give rated_torque_n_m as well",
+            ));
+        };
+        sheet.number(&at("inertia_kg_m2"), inertia, 1e-9, 1e3)?;
+        sheet.number(&at("rated_torque_n_m"), torque, 1e-3, 1e6)?;
+        let turns = scale.per_unit() / f64::from(self.increments_per_turn);
+        Ok(1000.0 * inertia / torque * core::f64::consts::TAU * turns)
     }
 }

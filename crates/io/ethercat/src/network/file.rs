@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use super::axis::AxisFile;
 use super::spindle::SpindleFile;
-use super::{NetworkDevice, Startup};
+use super::{NetworkAxis, NetworkDevice, NetworkSpindle, Startup};
 use crate::signal::{InputFile, NetworkInput, NetworkOutput, OutputFile, OutputSource, overlap};
 
 /// An EtherCAT network: `evolvent bridge ethercat --network FILE`.
@@ -86,8 +86,90 @@ pub fn network_schema() -> serde_json::Value {
     schemars::schema_for!(NetworkFile).to_value()
 }
 
+impl DeviceFile {
+    /// Checks a device, also against the devices before it.
+    pub(super) fn check(
+        self,
+        sheet: &ConfigDocument<'_>,
+        key: &str,
+        before: &[NetworkDevice],
+    ) -> Result<NetworkDevice, ConfigError> {
+        if before.iter().any(|other| other.name == self.name) {
+            let what = format!("`{}` is also the name of another device", self.name);
+            return Err(sheet.error(&format!("{key}.name"), what, "give each its own name"));
+        }
+        let startup = self.startup.iter().enumerate();
+        let startup = startup
+            .map(|(j, entry)| entry.check(sheet, &format!("{key}.startup[{j}]")))
+            .collect::<Result<_, _>>()?;
+        let axis = self.check_axis(sheet, key, before)?;
+        let spindle = self.check_spindle(sheet, key, before)?;
+        let (inputs, outputs) = check_signals(sheet, key, &self, before)?;
+        Ok(NetworkDevice {
+            name: self.name,
+            vendor: self.vendor,
+            product: self.product,
+            revision: self.revision,
+            startup,
+            axis,
+            spindle,
+            inputs,
+            outputs,
+        })
+    }
+
+    fn check_axis(
+        &self,
+        sheet: &ConfigDocument<'_>,
+        key: &str,
+        before: &[NetworkDevice],
+    ) -> Result<Option<NetworkAxis>, ConfigError> {
+        let Some(axis) = &self.axis else {
+            return Ok(None);
+        };
+        let axis = axis.check(sheet, &format!("{key}.axis"))?;
+        let mut others = before.iter().filter_map(|other| other.axis);
+        if others.any(|other| other.axis == axis.axis && other.gantry.is_some() == axis.gantry.is_some()) {
+            return Err(sheet.error(
+                &format!("{key}.axis.letter"),
+                "another device drives this axis".to_owned(),
+                "give each drive its own axis, or make it the second of a gantry: [device.axis.gantry]",
+            ));
+        }
+        Ok(Some(axis))
+    }
+
+    fn check_spindle(
+        &self,
+        sheet: &ConfigDocument<'_>,
+        key: &str,
+        before: &[NetworkDevice],
+    ) -> Result<Option<NetworkSpindle>, ConfigError> {
+        let Some(spindle) = &self.spindle else {
+            return Ok(None);
+        };
+        let spindle = spindle.check(sheet, &format!("{key}.spindle"))?;
+        if self.axis.is_some() {
+            return Err(sheet.error(
+                &format!("{key}.spindle"),
+                "a drive moves an axis or turns a spindle".to_owned(),
+                "remove [device.axis] or [device.spindle]",
+            ));
+        }
+        let mut others = before.iter().filter_map(|other| other.spindle);
+        if others.any(|other| other.number == spindle.number) {
+            return Err(sheet.error(
+                &format!("{key}.spindle.number"),
+                format!("another device drives spindle {}", spindle.number),
+                "give each its own number, 0 to 3",
+            ));
+        }
+        Ok(Some(spindle))
+    }
+}
+
 /// Inputs and outputs of one device: each name once in the file, each bit once in the device.
-pub(super) fn check_signals(
+fn check_signals(
     sheet: &ConfigDocument<'_>,
     key: &str,
     device: &DeviceFile,
