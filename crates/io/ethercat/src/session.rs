@@ -20,7 +20,7 @@ use evolvent_machine::Machine;
 use self::cycle::{Cycle, Exchanged};
 pub(crate) use self::error::Notice;
 pub use self::error::SessionError;
-use self::start::start;
+use self::start::{Layouts, start};
 use crate::al_status_text::what_to_check;
 use crate::clock_monitor::ClockMonitor;
 use crate::cycle_times::CycleTimes;
@@ -176,45 +176,16 @@ pub(crate) fn run_session(
         monotonic_ns() + START_NS,
         start(&main, network, machine, period_ns),
     );
-    for emergency in pump.emergencies() {
-        let _full = ends.bus.notices.push(Notice::Emergency {
-            device: usize::from(emergency.station.wrapping_sub(FIRST_STATION)),
-            code: emergency.code,
-            register: emergency.register,
-        });
-    }
+    report_emergencies(&pump, ends);
     let (devices, layouts, reference) = match started {
         Some(Ok(started)) => started,
-        Some(Err(SessionError::State { wanted, .. })) => {
-            let states = tell_states(&mut pump, &main, network, state_of(wanted));
-            return Err(SessionError::State { wanted, states });
-        }
-        Some(Err(error)) => return Err(error),
+        Some(Err(error)) => return Err(with_states(error, 0, &mut pump, &main, network)),
         None => return Err(failed("bringing the network up", &"it took more than a minute")),
     };
     let instance = monotonic_ns();
     let drives = DriveSet::new(machine, network, period_ns, instance, &ends.counters.starts)?;
     let mut signals = SignalSet::new(machine, network, instance);
-    let (mut of_axes, mut of_spindles) = (layouts.axes.iter(), layouts.spindles.iter());
-    for (device, listed) in network.devices.iter().enumerate() {
-        let layout = if listed.axis.is_some() {
-            of_axes.next()
-        } else if listed.spindle.is_some() {
-            of_spindles.next()
-        } else {
-            None
-        };
-        let Some(layout) = layout else { continue };
-        let place = layout
-            .digital_inputs_at(!listed.inputs.is_empty())
-            .map_err(|why| SessionError::ProcessData {
-                name: listed.name.clone(),
-                why,
-            })?;
-        signals.move_inputs(device, place);
-        // Their absence is an error of the start where the network file has outputs.
-        signals.move_outputs(device, layout.physical_outputs_at().unwrap_or(0));
-    }
+    place_signals(&mut signals, network, &layouts)?;
     let mut cycle = Cycle {
         main: &main,
         network,
@@ -236,25 +207,66 @@ pub(crate) fn run_session(
     };
     let ended = cycle.run(&mut pump, ends);
     let silent = cycle.silent;
-    match ended {
-        Err(SessionError::Broken { .. }) if silent != 0 => {
-            let mut names = Vec::new();
-            for (device, listed) in network.devices.iter().enumerate() {
-                if silent >> device & 1 == 1 {
-                    names.push(format!("`{}` did not exchange process data", listed.name));
-                }
-            }
-            Err(SessionError::Broken {
+    ended.map_err(|error| with_states(error, silent, &mut pump, &main, network))
+}
+
+/// Reports the emergency messages that devices sent while the network came up.
+fn report_emergencies(pump: &Pump<'_, '_>, ends: &mut Ends<'_, '_>) {
+    for emergency in pump.emergencies() {
+        let _full = ends.bus.notices.push(Notice::Emergency {
+            device: usize::from(emergency.station.wrapping_sub(FIRST_STATION)),
+            code: emergency.code,
+            register: emergency.register,
+        });
+    }
+}
+
+/// Moves the signals of each drive to the positions of its digital inputs and outputs in the process data.
+fn place_signals(signals: &mut SignalSet, network: &Network, layouts: &Layouts) -> Result<(), SessionError> {
+    let axes = network.axis_devices().zip(&layouts.axes);
+    let spindles = network.spindle_devices().zip(&layouts.spindles);
+    for (device, layout) in axes.chain(spindles) {
+        let listed = &network.devices[device];
+        let place = layout
+            .digital_inputs_at(!listed.inputs.is_empty())
+            .map_err(|why| SessionError::ProcessData {
+                name: listed.name.clone(),
+                why,
+            })?;
+        signals.move_inputs(device, place);
+        // Their absence is an error of the start where the network file has outputs.
+        signals.move_outputs(device, layout.physical_outputs_at().unwrap_or(0));
+    }
+    Ok(())
+}
+
+/// The error with the devices that caused it: those of `silent`, bit i for device i, otherwise those below
+/// the state that was requested.
+fn with_states<'m>(
+    error: SessionError,
+    silent: u32,
+    pump: &mut Pump<'_, '_>,
+    main: &'m MainDevice<'m>,
+    network: &Network,
+) -> SessionError {
+    match error {
+        SessionError::Broken { .. } if silent != 0 => {
+            let devices = network.devices.iter().enumerate();
+            let names: Vec<_> = devices
+                .filter(|(device, _)| silent >> device & 1 == 1)
+                .map(|(_, listed)| format!("`{}` did not exchange process data", listed.name))
+                .collect();
+            SessionError::Broken {
                 states: names.join(", "),
-            })
+            }
         }
-        Err(SessionError::Broken { .. }) => Err(SessionError::Broken {
-            states: tell_states(&mut pump, &main, network, SubDeviceState::Op),
-        }),
-        Err(SessionError::State { wanted, .. }) => Err(SessionError::State {
+        SessionError::Broken { .. } => SessionError::Broken {
+            states: tell_states(pump, main, network, SubDeviceState::Op),
+        },
+        SessionError::State { wanted, .. } => SessionError::State {
             wanted,
-            states: tell_states(&mut pump, &main, network, state_of(wanted)),
-        }),
+            states: tell_states(pump, main, network, state_of(wanted)),
+        },
         other => other,
     }
 }

@@ -206,7 +206,7 @@ impl<'m> Cycle<'_, 'm> {
             let read =
                 |input: &NetworkInput| input.error_bit.map_or(0, |bit| bit + 1).max(input.channel.end());
             // Those of drives are bits of an object, which is known to be in the process data.
-            let is_terminal = listed.axis.is_none() && listed.spindle.is_none();
+            let is_terminal = !listed.is_drive();
             let written = listed.outputs.iter().filter(|_| is_terminal);
             let was_read = listed.inputs.iter().filter(|_| is_terminal);
             let last = [
@@ -239,122 +239,23 @@ impl<'m> Cycle<'_, 'm> {
         now_ns: u64,
         ends: &mut Ends<'_, '_>,
     ) -> Result<i64, SessionError> {
-        let internal = |error: Error| SessionError::Main {
-            doing: "exchanging process data",
-            why: error.to_string(),
-        };
         if self.operational {
             self.drives.step(now_ns);
             self.signals.step(now_ns);
         }
-        let axes = self
-            .network
-            .devices
-            .iter()
-            .enumerate()
-            .filter(|(_, device)| device.axis.is_some());
-        let spindles = self.network.devices.iter().enumerate();
-        let spindles = spindles.filter(|(_, device)| device.spindle.is_some());
-        let is_silent = self.signals.is_silent(now_ns) || !self.operational;
-        let fault_reset = self.drives.fault_reset();
-        for (slot, (device, _)) in spindles.clone().enumerate() {
-            let (wanted, layout) = (*self.signals.in_force(), self.layouts.spindles[slot]);
-            let outputs = self.spindles[slot].outputs(&wanted, is_silent, fault_reset, now_ns);
-            self.devices
-                .with_outputs(self.main, device, |image| layout.write(&outputs, image))
-                .map_err(internal)?;
-        }
-        for (axis, (device, _)) in axes.clone().enumerate() {
-            let (outputs, layout) = (self.drives.outputs(axis), self.layouts.axes[axis]);
-            self.devices
-                .with_outputs(self.main, device, |image| layout.write(&outputs, image))
-                .map_err(internal)?;
-        }
-        for (device, listed) in self.network.devices.iter().enumerate() {
-            if !listed.outputs.is_empty() {
-                self.devices
-                    .with_outputs(self.main, device, |image| self.signals.write(device, image))
-                    .map_err(internal)?;
-            }
-        }
+        self.write_outputs(now_ns).map_err(exchange_failed)?;
         let sent_ns = monotonic_ns();
         let answer = pump.complete(now_ns + self.period_ns * 9 / 10, self.devices.exchange(self.main));
-        let exchanged = match answer {
-            Some(Ok(exchanged)) => exchanged,
-            Some(Err(_)) | None => {
-                ends.counters
-                    .lost
-                    .fetch_add(u64::from(self.operational), Ordering::Relaxed);
-                self.lost += 1;
-                // While the network comes up, a busy host may be late.
-                let patience = if self.operational {
-                    self.network.max_lost_cycles
-                } else {
-                    1000
-                };
-                return if self.lost > patience {
-                    Err(SessionError::Lost { frames: self.lost })
-                } else {
-                    Ok(0)
-                };
-            }
+        let Some(Ok(exchanged)) = answer else {
+            self.count_lost_frame(ends)?;
+            return Ok(0);
         };
         self.lost = 0;
-        let all = self.all();
-        let is_whole = exchanged.working_counter == self.expected;
-        let is_last = self.operational && self.short == self.network.max_lost_cycles;
-        if is_last && !is_whole && exchanged.operational & all == all {
-            self.silent = self.find_silent(pump).map_err(internal)?;
-        }
-        // If a device is missing, the inputs of the others are valid; if none is missing, it is unknown whose
-        // inputs are invalid.
-        let lost = !exchanged.operational & all | self.silent;
-        let is_known = |device: usize| is_whole || lost != 0 && lost >> device & 1 == 0;
-        for (axis, (device, _)) in axes.enumerate() {
-            let layout = self.layouts.axes[axis];
-            let inputs = self
-                .devices
-                .with_inputs(self.main, device, |image| layout.read(image))
-                .map_err(internal)?;
-            if is_known(device) {
-                self.drives.take(now_ns, axis, inputs);
-            }
-        }
-        for (device, listed) in self.network.devices.iter().enumerate() {
-            if !listed.inputs.is_empty() {
-                let signals = &mut self.signals;
-                self.devices
-                    .with_inputs(self.main, device, |image| {
-                        signals.read(device, is_known(device).then_some(image));
-                    })
-                    .map_err(internal)?;
-            }
-        }
-        let sampled_ns = self.sampled_ns(now_ns);
-        for (slot, (device, _)) in spindles.enumerate() {
-            let layout = self.layouts.spindles[slot];
-            let inputs = self
-                .devices
-                .with_inputs(self.main, device, |image| layout.read(image))
-                .map_err(internal)?;
-            if is_known(device) {
-                self.spindles[slot].take(inputs, sampled_ns);
-            }
-        }
+        let known = self.known_inputs(&exchanged, pump).map_err(exchange_failed)?;
+        self.read_inputs(known, now_ns).map_err(exchange_failed)?;
         let judged = self.judge(&exchanged, ends);
         if self.operational {
-            for message in self.spindles.iter_mut().filter_map(SpindleDrive::feedback) {
-                let _full = ends.bus.spindles.push(message);
-            }
-            // A message that does not fit is replaced by the next.
-            if let Some(feedback) = self.drives.feedback(monotonic_ns()) {
-                let _full = ends.bus.feedback.push(feedback);
-            }
-            let read_ns = monotonic_ns();
-            self.signals.read_probe(&self.drives.probe(), read_ns);
-            if let Some(message) = self.signals.message(read_ns) {
-                let _full = ends.bus.inputs.push(message);
-            }
+            self.publish(ends);
         }
         judged?;
         let Some(register) = exchanged.time_ns else {
@@ -367,6 +268,104 @@ impl<'m> Cycle<'_, 'm> {
         }
         // The difference is reduced gradually.
         Ok(phase_ns / PHASE_GAIN)
+    }
+
+    /// Writes what is in force to the outputs of every device.
+    fn write_outputs(&mut self, now_ns: u64) -> Result<(), Error> {
+        let is_silent = self.signals.is_silent(now_ns) || !self.operational;
+        let fault_reset = self.drives.fault_reset();
+        for (slot, device) in self.network.spindle_devices().enumerate() {
+            let (wanted, layout) = (*self.signals.in_force(), self.layouts.spindles[slot]);
+            let outputs = self.spindles[slot].outputs(&wanted, is_silent, fault_reset, now_ns);
+            (self.devices).with_outputs(self.main, device, |image| layout.write(&outputs, image))?;
+        }
+        for (axis, device) in self.network.axis_devices().enumerate() {
+            let (outputs, layout) = (self.drives.outputs(axis), self.layouts.axes[axis]);
+            (self.devices).with_outputs(self.main, device, |image| layout.write(&outputs, image))?;
+        }
+        for (device, listed) in self.network.devices.iter().enumerate() {
+            if !listed.outputs.is_empty() {
+                (self.devices).with_outputs(self.main, device, |image| self.signals.write(device, image))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Counts a frame that did not come back.
+    fn count_lost_frame(&mut self, ends: &Ends<'_, '_>) -> Result<(), SessionError> {
+        ends.counters
+            .lost
+            .fetch_add(u64::from(self.operational), Ordering::Relaxed);
+        self.lost += 1;
+        // While the network comes up, a busy host may be late.
+        let patience = if self.operational {
+            self.network.max_lost_cycles
+        } else {
+            1000
+        };
+        if self.lost > patience {
+            return Err(SessionError::Lost { frames: self.lost });
+        }
+        Ok(())
+    }
+
+    /// Bit i set: the inputs of device i are valid. If a device is missing, the inputs of the others are; if
+    /// none is missing and the working counter is short, it is unknown whose inputs are invalid.
+    fn known_inputs(&mut self, exchanged: &Exchanged, pump: &mut Pump<'_, '_>) -> Result<u32, Error> {
+        let all = self.all();
+        if exchanged.working_counter == self.expected {
+            return Ok(all);
+        }
+        let is_last = self.operational && self.short == self.network.max_lost_cycles;
+        if is_last && exchanged.operational & all == all {
+            self.silent = self.find_silent(pump)?;
+        }
+        let lost = !exchanged.operational & all | self.silent;
+        Ok(if lost == 0 { 0 } else { !lost })
+    }
+
+    /// Takes the inputs of every device; those of devices outside `known` are unknown.
+    fn read_inputs(&mut self, known: u32, now_ns: u64) -> Result<(), Error> {
+        let is_known = |device: usize| known >> device & 1 == 1;
+        for (axis, device) in self.network.axis_devices().enumerate() {
+            let layout = self.layouts.axes[axis];
+            let inputs = (self.devices).with_inputs(self.main, device, |image| layout.read(image))?;
+            if is_known(device) {
+                self.drives.take(now_ns, axis, inputs);
+            }
+        }
+        for (device, listed) in self.network.devices.iter().enumerate() {
+            if !listed.inputs.is_empty() {
+                let signals = &mut self.signals;
+                self.devices.with_inputs(self.main, device, |image| {
+                    signals.read(device, is_known(device).then_some(image));
+                })?;
+            }
+        }
+        let sampled_ns = self.sampled_ns(now_ns);
+        for (slot, device) in self.network.spindle_devices().enumerate() {
+            let layout = self.layouts.spindles[slot];
+            let inputs = (self.devices).with_inputs(self.main, device, |image| layout.read(image))?;
+            if is_known(device) {
+                self.spindles[slot].take(inputs, sampled_ns);
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends the messages of this period to the core. One that does not fit is replaced by the next.
+    fn publish(&mut self, ends: &mut Ends<'_, '_>) {
+        for message in self.spindles.iter_mut().filter_map(SpindleDrive::feedback) {
+            let _full = ends.bus.spindles.push(message);
+        }
+        if let Some(feedback) = self.drives.feedback(monotonic_ns()) {
+            let _full = ends.bus.feedback.push(feedback);
+        }
+        let read_ns = monotonic_ns();
+        self.signals.read_probe(&self.drives.probe(), read_ns);
+        if let Some(message) = self.signals.message(read_ns) {
+            let _full = ends.bus.inputs.push(message);
+        }
     }
 
     /// Finds devices that do not exchange process data: reads the inputs of each with a separate frame and,
@@ -523,6 +522,13 @@ impl<'m> Cycle<'_, 'm> {
         } else {
             phase as i64
         }
+    }
+}
+
+fn exchange_failed(error: Error) -> SessionError {
+    SessionError::Main {
+        doing: "exchanging process data",
+        why: error.to_string(),
     }
 }
 

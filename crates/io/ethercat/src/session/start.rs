@@ -3,8 +3,11 @@
 use core::time::Duration;
 
 use ethercrab::error::{Error, MailboxError};
-use ethercrab::subdevice_group::DcConfiguration;
-use ethercrab::{Command, DcSync, MainDevice, RegisterAddress, SubDeviceIdentity, SubDeviceRef};
+use ethercrab::subdevice_group::{DcConfiguration, HasDc, NoDc, PreOp, PreOpPdi};
+use ethercrab::{
+    Command, DcSync, DefaultLock, MainDevice, RegisterAddress, SubDeviceGroup, SubDeviceIdentity,
+    SubDeviceRef,
+};
 use evolvent_bridge::monotonic_ns;
 use evolvent_drive::InterpolationTime;
 use evolvent_machine::Machine;
@@ -32,6 +35,9 @@ pub(super) struct Layouts {
     pub(super) limits: Vec<LimitNote>,
 }
 
+type Group<S, C> = SubDeviceGroup<MAX_DEVICES, IMAGE, DefaultLock, S, C>;
+
+/// Brings the network from INIT up to the request of OP.
 pub(super) async fn start<'m>(
     main: &'m MainDevice<'m>,
     network: &Network,
@@ -39,24 +45,54 @@ pub(super) async fn start<'m>(
     period_ns: u64,
 ) -> Result<(Devices, Layouts, ReferenceClock), SessionError> {
     let interpolation = InterpolationTime::from_period_ns(period_ns)?;
-    let failed = |doing: &'static str| {
-        move |error: Error| SessionError::Main {
-            doing,
-            why: error.to_string(),
-        }
+    let mut group = find_devices(main, network).await?;
+    let layouts = set_up_devices(main, &group, network, machine, interpolation).await?;
+    let has_clock = network.distributed_clocks && request_sync(main, &mut group, network);
+    let group = group
+        .into_pre_op_pdi(main)
+        .await
+        .map_err(failed("mapping process data"))?;
+    let mut reference = ReferenceClock::default();
+    let devices = if has_clock {
+        let clocks = DcConfiguration {
+            start_delay: SYNC_DELAY,
+            sync0_period: Duration::from_nanos(period_ns),
+            sync0_shift: Duration::from_nanos(period_ns / 2),
+        };
+        let group = group
+            .configure_dc_sync(main, clocks)
+            .await
+            .map_err(failed("setting SYNC0 up"))?;
+        reference = start_clocks(main, &group, network, period_ns).await?;
+        let group = group.into_safe_op(main).await.map_err(refused("SAFE-OP"))?;
+        Devices::Clocked(group.request_into_op(main).await.map_err(refused("OP"))?)
+    } else {
+        let group = group.into_safe_op(main).await.map_err(refused("SAFE-OP"))?;
+        Devices::Free(group.request_into_op(main).await.map_err(refused("OP"))?)
     };
-    let refused = |wanted: &'static str| {
-        move |error: Error| match error {
-            Error::StateTransition | Error::Timeout(_) | Error::SubDevice(_) => SessionError::State {
-                wanted,
-                states: String::new(),
-            },
-            error => SessionError::Main {
-                doing: wanted,
-                why: error.to_string(),
-            },
-        }
-    };
+    Ok((devices, layouts, reference))
+}
+
+fn failed(doing: &'static str) -> impl Fn(Error) -> SessionError {
+    move |error| SessionError::Main {
+        doing,
+        why: error.to_string(),
+    }
+}
+
+/// The error of a state that devices did not reach.
+fn refused(wanted: &'static str) -> impl Fn(Error) -> SessionError {
+    move |error| match error {
+        Error::StateTransition | Error::Timeout(_) | Error::SubDevice(_) => SessionError::State {
+            wanted,
+            states: String::new(),
+        },
+        error => failed(wanted)(error),
+    }
+}
+
+/// Brings the devices to PRE-OP; there are as many as in the network file.
+async fn find_devices(main: &MainDevice<'_>, network: &Network) -> Result<Group<PreOp, NoDc>, SessionError> {
     let answer = Command::brd(RegisterAddress::Type.into())
         .ignore_wkc()
         .receive::<u8>(main)
@@ -64,7 +100,7 @@ pub(super) async fn start<'m>(
     if answer.is_err() {
         return Err(SessionError::NoDevices);
     }
-    let mut group = main
+    let group = main
         .init_single_group::<MAX_DEVICES, IMAGE>(monotonic_ns)
         .await
         .map_err(refused("PRE-OP"))?;
@@ -75,6 +111,17 @@ pub(super) async fn start<'m>(
     if found != expected {
         return Err(SessionError::Count { found, expected });
     }
+    Ok(group)
+}
+
+/// Writes the objects of every device, and compares the limits of its drives with the machine.
+async fn set_up_devices<'m>(
+    main: &'m MainDevice<'m>,
+    group: &Group<PreOp, NoDc>,
+    network: &Network,
+    machine: &Machine,
+    interpolation: InterpolationTime,
+) -> Result<Layouts, SessionError> {
     let mut layouts = Layouts::default();
     // Without a message of the core all outputs are safe.
     let safe = SignalSet::new(machine, network, 0);
@@ -103,58 +150,51 @@ pub(super) async fn start<'m>(
                     .await?,
             );
         }
-        if device.axis.is_some() || device.spindle.is_some() {
+        if device.is_drive() {
             let reported = objects.limits().await?;
             (layouts.limits).extend(check_limits(machine, device, &reported)?);
         }
     }
+    Ok(layouts)
+}
+
+/// Requests SYNC0 of the drives that have a clock; returns whether there is one.
+fn request_sync<'m>(main: &'m MainDevice<'m>, group: &mut Group<PreOp, NoDc>, network: &Network) -> bool {
     let mut has_clock = false;
     for (mut subdevice, device) in group.iter_mut(main).zip(&network.devices) {
-        let is_drive = device.axis.is_some() || device.spindle.is_some();
-        if network.distributed_clocks && is_drive && subdevice.dc_support().any() {
+        if device.is_drive() && subdevice.dc_support().any() {
             subdevice.set_dc_sync(DcSync::Sync0);
             has_clock = true;
         }
     }
-    let group = group
-        .into_pre_op_pdi(main)
-        .await
-        .map_err(failed("mapping process data"))?;
-    let mut reference = ReferenceClock::default();
-    let devices = if has_clock {
-        let clocks = DcConfiguration {
-            start_delay: SYNC_DELAY,
-            sync0_period: Duration::from_nanos(period_ns),
-            sync0_shift: Duration::from_nanos(period_ns / 2),
-        };
-        let group = group
-            .configure_dc_sync(main, clocks)
-            .await
-            .map_err(failed("setting SYNC0 up"))?;
-        // The first device with a clock. SYNC0 occurs at whole periods of this time, also after a wrap.
-        let has_clock: Vec<bool> = (group.iter(main))
-            .map(|device| device.dc_support().any())
-            .collect();
-        if let Some(first) = has_clock.iter().position(|has_clock| *has_clock) {
-            let time = clock_of(main, first).await;
-            let time_ns = time.map_err(failed("reading the reference clock"))?;
-            reference = ReferenceClock::new(time_ns, monotonic_ns());
-            let first_ns = time_ns.wrapping_add(SYNC_DELAY.as_nanos() as u64) / period_ns * period_ns;
-            for (device, (listed, has_clock)) in network.devices.iter().zip(has_clock).enumerate() {
-                let is_drive = listed.axis.is_some() || listed.spindle.is_some();
-                if is_drive && has_clock {
-                    let begun = begin_sync(main, device, first_ns).await;
-                    begun.map_err(failed("setting the start of SYNC0"))?;
-                }
-            }
-        }
-        let group = group.into_safe_op(main).await.map_err(refused("SAFE-OP"))?;
-        Devices::Clocked(group.request_into_op(main).await.map_err(refused("OP"))?)
-    } else {
-        let group = group.into_safe_op(main).await.map_err(refused("SAFE-OP"))?;
-        Devices::Free(group.request_into_op(main).await.map_err(refused("OP"))?)
+    has_clock
+}
+
+/// Starts SYNC0 of the drives. The reference is the first device with a clock: SYNC0 occurs at whole periods
+/// of its time, also after a wrap.
+async fn start_clocks<'m>(
+    main: &'m MainDevice<'m>,
+    group: &Group<PreOpPdi, HasDc>,
+    network: &Network,
+    period_ns: u64,
+) -> Result<ReferenceClock, SessionError> {
+    let has_clock: Vec<bool> = (group.iter(main))
+        .map(|device| device.dc_support().any())
+        .collect();
+    let Some(first) = has_clock.iter().position(|has_clock| *has_clock) else {
+        return Ok(ReferenceClock::default());
     };
-    Ok((devices, layouts, reference))
+    let time = clock_of(main, first).await;
+    let time_ns = time.map_err(failed("reading the reference clock"))?;
+    let reference = ReferenceClock::new(time_ns, monotonic_ns());
+    let first_ns = time_ns.wrapping_add(SYNC_DELAY.as_nanos() as u64) / period_ns * period_ns;
+    for (device, (listed, has_clock)) in network.devices.iter().zip(has_clock).enumerate() {
+        if listed.is_drive() && has_clock {
+            let begun = begin_sync(main, device, first_ns).await;
+            begun.map_err(failed("setting the start of SYNC0"))?;
+        }
+    }
+    Ok(reference)
 }
 
 /// The system time of a device, as its register shows it: of 64 bits or of 32.
