@@ -347,155 +347,65 @@ mod tests {
         }
     }
 
+    fn indexed(code: CommandCode, index: u32) -> RawCommand<'static> {
+        RawCommand { index, ..raw(code) }
+    }
+
+    fn of_amount(code: CommandCode, amount: f64) -> RawCommand<'static> {
+        RawCommand { amount, ..raw(code) }
+    }
+
+    fn of_axes(code: CommandCode, axes_mask: u32) -> RawCommand<'static> {
+        RawCommand {
+            axes_mask,
+            ..raw(code)
+        }
+    }
+
     #[test]
     fn what_is_out_of_range_is_refused() {
-        let cases = [
-            (
-                RawCommand {
-                    command: 999,
-                    ..raw(CommandCode::On)
-                },
-                Alarm::UnknownCommand,
-            ),
-            (
-                RawCommand {
-                    index: 3,
-                    ..raw(CommandCode::Mode)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    index: 2,
-                    ..raw(CommandCode::BlockDelete)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    amount: 2.01,
-                    ..raw(CommandCode::FeedOverride)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    amount: 1.01,
-                    ..raw(CommandCode::RapidOverride)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    amount: 0.099,
-                    ..raw(CommandCode::SpindleOverride)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    text: None,
-                    ..raw(CommandCode::Mdi)
-                },
-                Alarm::Malformed,
-            ),
-            (
-                RawCommand {
-                    text: Some("  "),
-                    ..raw(CommandCode::Mdi)
-                },
-                Alarm::Malformed,
-            ),
-            (
-                RawCommand {
-                    text: Some("G0\nG1"),
-                    ..raw(CommandCode::Mdi)
-                },
-                Alarm::Malformed,
-            ),
-            (raw(CommandCode::Jog), Alarm::NoAxis),
-            (
-                RawCommand {
-                    axes_mask: 8,
-                    ..raw(CommandCode::Jog)
-                },
-                Alarm::NoAxis,
-            ),
-            (
-                RawCommand {
-                    axes_mask: 1,
-                    ..raw(CommandCode::Jog)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    axes_mask: 8,
-                    ..raw(CommandCode::Home)
-                },
-                Alarm::NoAxis,
-            ),
-            (
-                RawCommand {
-                    axes_mask: 1,
-                    index: 10,
-                    ..raw(CommandCode::WorkOffset)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    axes_mask: 1,
-                    values: [1e7; AXES],
-                    ..raw(CommandCode::TouchOff)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    amount: 10.1,
-                    ..raw(CommandCode::Handwheel)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    axes_mask: 3,
-                    ..raw(CommandCode::Handwheel)
-                },
-                Alarm::NoAxis,
-            ),
-            (
-                RawCommand {
-                    axes_mask: 8,
-                    ..raw(CommandCode::Handwheel)
-                },
-                Alarm::NoAxis,
-            ),
-            (
-                RawCommand {
-                    amount: -0.1,
-                    ..raw(CommandCode::Return)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    index: 1001,
-                    ..raw(CommandCode::Retrace)
-                },
-                Alarm::BadNumber,
-            ),
-            (
-                RawCommand {
-                    index: 100_000,
-                    ..raw(CommandCode::Tool)
-                },
-                Alarm::BadNumber,
-            ),
-        ];
-        for (raw, expected) in cases {
-            assert_eq!(refused(&raw), expected, "{raw:?}");
+        let unknown = RawCommand {
+            command: 999,
+            ..raw(CommandCode::On)
+        };
+        assert_eq!(refused(&unknown), Alarm::UnknownCommand);
+        for raw in [
+            indexed(CommandCode::Mode, 3),
+            indexed(CommandCode::BlockDelete, 2),
+            indexed(CommandCode::Retrace, 1001),
+            indexed(CommandCode::Tool, 100_000),
+            of_amount(CommandCode::FeedOverride, 2.01),
+            of_amount(CommandCode::RapidOverride, 1.01),
+            of_amount(CommandCode::SpindleOverride, 0.099),
+            of_amount(CommandCode::Handwheel, 10.1),
+            of_amount(CommandCode::Return, -0.1),
+            of_axes(CommandCode::Jog, 1),
+            RawCommand {
+                index: 10,
+                ..of_axes(CommandCode::WorkOffset, 1)
+            },
+            RawCommand {
+                values: [1e7; AXES],
+                ..of_axes(CommandCode::TouchOff, 1)
+            },
+        ] {
+            assert_eq!(refused(&raw), Alarm::BadNumber, "{raw:?}");
+        }
+        for text in [None, Some("  "), Some("G0\nG1")] {
+            let raw = RawCommand {
+                text,
+                ..raw(CommandCode::Mdi)
+            };
+            assert_eq!(refused(&raw), Alarm::Malformed, "{raw:?}");
+        }
+        for raw in [
+            raw(CommandCode::Jog),
+            of_axes(CommandCode::Jog, 8),
+            of_axes(CommandCode::Home, 8),
+            of_axes(CommandCode::Handwheel, 3),
+            of_axes(CommandCode::Handwheel, 8),
+        ] {
+            assert_eq!(refused(&raw), Alarm::NoAxis, "{raw:?}");
         }
     }
 
@@ -651,20 +561,24 @@ mod tests {
             let is_override = words.contains("override");
             assert_eq!(command.value(), is_override.then_some(raw.amount), "{words}");
         }
+    }
+
+    #[test]
+    fn values_just_beyond_the_limits_are_refused() {
         let too_wide = RawCommand {
             amount: 1.000_1e4,
-            ..of(CommandCode::Tool, 1, 0.0)
+            ..indexed(CommandCode::Tool, 1)
         };
         assert_eq!(refused(&too_wide), Alarm::BadNumber);
         // An axis that the machine does not have is rejected, not dropped.
         let absent = RawCommand {
             axes_mask: 0b1101,
-            ..of(CommandCode::Tool, 1, 0.0)
+            ..indexed(CommandCode::Tool, 1)
         };
         assert_eq!(refused(&absent), Alarm::NoAxis);
         let far = RawCommand {
             values: [-1.000_1 * MAX_VALUE; AXES],
-            ..of(CommandCode::TouchOff, 1, 0.0)
+            ..of_axes(CommandCode::TouchOff, 1)
         };
         let text = OperatorCommand::decode(&far, XYZ).unwrap_err().text;
         assert_eq!(text, "a coordinate is -1000100, it must be -1000000 to 1000000");
