@@ -8,12 +8,14 @@
 type Codes = &'static [(u16, u16, &'static str)];
 
 /// The codes of each vendor, by its EtherCAT vendor ID.
-pub(super) const VENDORS: [(u32, Codes); 6] = [
+pub(super) const VENDORS: [(u32, Codes); 8] = [
     (0x0000_0002, &BECKHOFF),
     (0x0000_0083, &OMRON),
     (0x0000_009A, &ELMO),
     (0x0000_00FB, &MAXON),
     (0x0000_01DD, &DELTA),
+    (0x0000_0539, &YASKAWA),
+    (0x0000_066F, &PANASONIC),
     (0x0010_0000, &INOVANCE),
 ];
 
@@ -339,4 +341,94 @@ const INOVANCE: [(u16, u16, &str); 26] = [
         0x8611,
         "Er.B00, Er.B02: following error: axis blocked, limits of the machine file too high, or loops not tuned",
     ),
+];
+
+/// Yaskawa Sigma-7, by the first two digits of its alarms: A.71x is 071xh. Below 1000h CiA 402 has no codes.
+const YASKAWA: [(u16, u16, &str); 18] = [
+    (0x0100, 0x010F, "A.10x: overcurrent: check motor and cable"),
+    (0x0300, 0x030F, "A.30x: regeneration"),
+    (0x0320, 0x032F, "A.32x: braking resistor overloaded"),
+    (
+        0x0400,
+        0x040F,
+        "A.40x: supply voltage too high: braking resistor missing, or braking too hard",
+    ),
+    (0x0410, 0x041F, "A.41x: supply voltage too low"),
+    (0x0510, 0x051F, "A.51x: speed too high"),
+    (0x0710, 0x071F, "A.71x: overload: axis blocked, or brake closed"),
+    (0x0720, 0x072F, "A.72x: continuous overload: load too high"),
+    (0x07A0, 0x07AF, "A.7Ax: the drive is too hot"),
+    (
+        0x0810,
+        0x081F,
+        "A.81x: absolute encoder has lost its position: replace its battery, home again",
+    ),
+    (0x0830, 0x083F, "A.83x: battery of the encoder low"),
+    (0x0860, 0x086F, "A.86x: the encoder is too hot"),
+    (0x0A10, 0x0A1F, "A.A1x: the fieldbus was lost under power"),
+    (
+        0x0C10,
+        0x0C1F,
+        "A.C1x: the motor runs away: check its phases and the encoder's cable",
+    ),
+    (
+        0x0C90,
+        0x0C9F,
+        "A.C9x: no communication with the encoder: check its cable",
+    ),
+    (
+        0x0D00,
+        0x0D0F,
+        "A.D0x: following error: axis blocked, limits of the machine file too high, or loops not tuned",
+    ),
+    (0x0EB0, 0x0EBF, "A.EBx: safety inputs (safe torque off)"),
+    (0x0F10, 0x0F1F, "A.F1x: a mains phase is missing"),
+];
+
+/// Panasonic MINAS A5B and A6B, by the main number of its alarms, in the low byte.
+const PANASONIC: [(u16, u16, &str); 20] = [
+    (0xFF0B, 0xFF0B, "Err11: control supply too low"),
+    (
+        0xFF0C,
+        0xFF0C,
+        "Err12: supply voltage too high: braking resistor missing, or braking too hard",
+    ),
+    (0xFF0D, 0xFF0D, "Err13: main supply too low or off"),
+    (0xFF0E, 0xFF0E, "Err14: overcurrent: check motor and cable"),
+    (0xFF0F, 0xFF0F, "Err15: the drive is too hot"),
+    (
+        0xFF10,
+        0xFF10,
+        "Err16: overload: load too high, axis blocked, or brake closed",
+    ),
+    (0xFF12, 0xFF12, "Err18: braking resistor overloaded"),
+    (
+        0xFF15,
+        0xFF15,
+        "Err21: no communication with the encoder: check its cable",
+    ),
+    (
+        0xFF17,
+        0xFF17,
+        "Err23: communication with the encoder disturbed: check cable and shield",
+    ),
+    (
+        0xFF18,
+        0xFF18,
+        "Err24: following error: axis blocked, limits of the machine file too high, or loops not tuned",
+    ),
+    (0xFF1A, 0xFF1A, "Err26: speed too high"),
+    (0xFF1B, 0xFF1B, "Err27: position command changes too fast"),
+    (0xFF1E, 0xFF1E, "Err30: safety input (safe torque off)"),
+    (0xFF22, 0xFF22, "Err34: motor position beyond its working range"),
+    (0xFF26, 0xFF26, "Err38: both limit switches, or their wiring"),
+    (
+        0xFF28,
+        0xFF28,
+        "Err40: absolute encoder without supply: replace its battery, home again",
+    ),
+    (0xFF50, 0xFF50, "Err80: the fieldbus was lost under power"),
+    (0xFF53, 0xFF53, "Err83: the fieldbus was lost under power"),
+    (0xFF57, 0xFF57, "Err87: forced alarm input"),
+    (0xFF58, 0xFF58, "Err88: main supply lost, or wrong control mode"),
 ];
