@@ -6,7 +6,7 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-use evolvent_bus::{BusConfig, ControlServer};
+use evolvent_bus::{BusConfig, ControlServer, Feedback};
 use evolvent_drive::{FeedbackWatch, PhaseLock};
 use evolvent_motion::{DrivenPath, SetpointGenerator};
 use evolvent_signals::ProbeInput;
@@ -17,7 +17,7 @@ use super::control_loop::{CONTROL_EVERY, ControlLoop, ControlQueues};
 use super::files::READING_TIMEOUT;
 use super::notify::SystemdNotifier;
 use super::operator::{Operator, OperatorConfig};
-use super::orders::CycleView;
+use super::orders::{CycleEvent, CycleView, Order};
 use super::served_cycle::{ServedCycle, ServedParts};
 use super::served_status::ServedStatus;
 use super::session_trace::SessionTrace;
@@ -40,6 +40,7 @@ use crate::queues::queue_length;
 use crate::rt::{apply_to_this_thread, raise_priority, separate_large_blocks};
 use crate::shared::Controls;
 use crate::signal_ends::SignalEnds;
+use crate::signal_loop::SignalLoop;
 use crate::signal_port::SignalPort;
 use crate::spindle_command::SpindleCommands;
 use crate::start_error::{CYCLE_TIMEOUT, StartError};
@@ -94,7 +95,6 @@ impl Service {
     fn start(config: &ServeConfig, tell: &mut impl FnMut(ServeNews<'_>)) -> Result<Self, StartError> {
         let setup = &config.setup;
         let machine = &setup.machine;
-        let limits = machine.limits();
         let length = queue_length(setup.rate_hz());
         let start_unix_ns = SystemTime::now()
             .duration_since(UNIX_EPOCH)
@@ -139,24 +139,18 @@ impl Service {
         let urgent = Arc::<UrgentOrders>::default();
         let (cycle_events, events) = RingBuffer::new(EVENTS);
         let (cycle_views, mut views) = RingBuffer::new(length);
-        let parts = ServedParts {
-            corrections: Corrections::new(machine, setup.period_ns, limits.home),
-            probe: ProbeInput::default(),
-            generator: SetpointGenerator::new(limits, setup.period_ns, limits.home),
-            limits,
-            period_ns: setup.period_ns,
-            orders: cycle_orders,
-            urgent: Arc::clone(&urgent),
-            events: cycle_events,
-            views: cycle_views,
-            feedback,
-            watch: FeedbackWatch::new(watch_settings(machine, setup.period_ns)),
-            signals: signals.cycle,
-            wheel_counts: machine.handwheel.as_ref().map(|wheel| wheel.counts),
-            phase: phase_settings(machine, setup.period_ns).map(PhaseLock::new),
+        let parts = served_parts(
+            setup,
+            CycleQueues {
+                orders: cycle_orders,
+                urgent: Arc::clone(&urgent),
+                events: cycle_events,
+                views: cycle_views,
+                feedback,
+                signals: signals.cycle,
+            },
             controls,
-            driven: DrivenPath::new(setup.period_ns),
-        };
+        );
         let (cycle, notes) = start_cycle(setup, parts, start_unix_ns, bus, cycles)?;
         for text in &notes {
             tell(ServeNews::Note(text));
@@ -282,6 +276,40 @@ fn start_publisher(
     let publisher = thread::Builder::new().name("publisher".into()).spawn(publish)?;
     let _nobody_asked_for = opening.wait()?;
     Ok((publisher, bus_config))
+}
+
+/// The cycle's ends of the queues from and to other threads.
+struct CycleQueues {
+    orders: Consumer<Order>,
+    urgent: Arc<UrgentOrders>,
+    events: Producer<CycleEvent>,
+    views: Producer<CycleView>,
+    feedback: Consumer<Feedback>,
+    signals: Option<SignalLoop>,
+}
+
+/// The parts of the cycle, at the home position.
+fn served_parts(setup: &Setup, queues: CycleQueues, controls: Arc<Controls>) -> ServedParts {
+    let machine = &setup.machine;
+    let limits = machine.limits();
+    ServedParts {
+        corrections: Corrections::new(machine, setup.period_ns, limits.home),
+        probe: ProbeInput::default(),
+        generator: SetpointGenerator::new(limits, setup.period_ns, limits.home),
+        limits,
+        period_ns: setup.period_ns,
+        orders: queues.orders,
+        urgent: queues.urgent,
+        events: queues.events,
+        views: queues.views,
+        feedback: queues.feedback,
+        watch: FeedbackWatch::new(watch_settings(machine, setup.period_ns)),
+        signals: queues.signals,
+        wheel_counts: machine.handwheel.as_ref().map(|wheel| wheel.counts),
+        phase: phase_settings(machine, setup.period_ns).map(PhaseLock::new),
+        controls,
+        driven: DrivenPath::new(setup.period_ns),
+    }
 }
 
 /// Starts the cycle. Returns notes about privileges that it could not get.
