@@ -3,7 +3,9 @@
 
 use std::sync::mpsc::channel;
 
+use evolvent_bus::ControlRequest;
 use evolvent_control::{Alarm, CommandCode, JobResult};
+use evolvent_motion::Setpoint;
 use evolvent_path::{Axes, AxisMask};
 use evolvent_random::{Random, cases};
 
@@ -32,131 +34,67 @@ struct Requested {
     highest: f64,
 }
 
-#[test]
-fn random_jogs_keep_speed_distance_and_dead_man() {
-    let mut random = Random::seeded(2313);
-    let mut bench = Bench::new();
-    let (mut taken_over, mut stopped_by_dead_man, mut increments_done) = (0, 0, 0);
-    for motion in 0..cases(400) {
+impl Requested {
+    /// The axis stays between the present bounds and `goal`, each with the slack.
+    fn widen(&mut self, position: f64) {
+        if let Some(goal) = self.goal {
+            self.lowest = self.lowest.min(goal.min(position) - self.slack);
+            self.highest = self.highest.max(goal.max(position) + self.slack);
+        }
+    }
+}
+
+/// One motion from rest to rest: the jogs of several clients, and what they demand of each axis.
+struct Motion {
+    number: usize,
+    begun: u64,
+    requested: [Requested; 3],
+    /// Number of further jogs.
+    left: usize,
+    /// Of the present jog: whether it is an increment, its client, whether its dead-man switch is held, and the
+    /// time of its last keep-alive.
+    is_increment: bool,
+    client: u64,
+    is_held: bool,
+    alive_at: u64,
+    changed_at: u64,
+    stop_at: Option<u64>,
+    /// Number of jogs that replaced another.
+    taken_over: u32,
+    log: Vec<String>,
+}
+
+impl Motion {
+    fn new(number: usize, bench: &Bench, random: &mut Random) -> Self {
         let here = bench.operator.view.setpoint.position;
         let mut requested = [Requested::default(); 3];
         for (i, axis) in requested.iter_mut().enumerate() {
             (axis.lowest, axis.highest) = (here[i], here[i]);
         }
-        let (mut is_increment, mut any) = (false, false);
-        // Of the present jog: its client, whether its dead-man switch is held, and the time of its last
-        // keep-alive.
-        let (mut client, mut is_held, mut alive_at) = (0, false, 0);
-        let mut changed_at = bench.now;
-        let mut log: Vec<String> = Vec::new();
-        let commands = 1 + random.below(6);
-        let mut left = commands;
-        let mut stop_at = None;
-        let begun = bench.now;
-        let mut result = JobResult::None;
+        Self {
+            number,
+            begun: bench.now,
+            requested,
+            left: random.below(6),
+            is_increment: false,
+            client: 0,
+            is_held: false,
+            alive_at: 0,
+            changed_at: bench.now,
+            stop_at: None,
+            taken_over: 0,
+            log: Vec::new(),
+        }
+    }
+
+    /// Runs until the axes are at rest; `None` if the first jog was rejected.
+    fn run(&mut self, bench: &mut Bench, random: &mut Random) -> Option<JobResult> {
+        if !self.jog(bench, random) {
+            return None;
+        }
         loop {
-            assert!(
-                bench.now < begun + 60_000,
-                "motion {motion} does not end: {log:?}"
-            );
-            if left > 0 && (!any || random.below(12) == 0) {
-                left -= 1;
-                let who = 1 + random.below(3) as u64;
-                let was_moving = !matches!(bench.operator.job, Job::None);
-                let mut jog = bench.command(CommandCode::Jog);
-                let adds = random.below(2) == 0;
-                (jog.index, jog.amount) = (u32::from(adds), random.log(1.0, 400.0));
-                jog.axes_mask = 1 << random.below(3);
-                if random.below(6) == 0 {
-                    jog.axes_mask |= 1 << random.below(3);
-                }
-                for i in AxisMask::from_bits(jog.axes_mask).axes() {
-                    let sign = if random.below(2) == 0 { 1.0 } else { -1.0 };
-                    jog.values[i] = sign * if adds { random.log(0.01, 40.0) } else { 1.0 };
-                }
-                // The operator does not know this state yet.
-                let at = bench.last;
-                // A jog of this axis may be on its way to the cycle.
-                let is_pending = was_moving && bench.now < changed_at + 60;
-                if bench.says(who, jog) {
-                    taken_over += u32::from(was_moving);
-                    log.push(format!(
-                        "{} ms: {who} {:?} {:?} at {}",
-                        bench.now - begun,
-                        &jog.values[..3],
-                        jog.index,
-                        jog.amount
-                    ));
-                    (client, is_held, alive_at, changed_at) = (who, !adds, bench.now, bench.now);
-                    for (i, axis) in requested.iter_mut().enumerate() {
-                        let named = jog.axes_mask >> i & 1 == 1;
-                        let limit = bench.operator.limits.velocity[i];
-                        if named {
-                            axis.last = jog.amount.min(limit);
-                            axis.top = axis.top.max(axis.last);
-                        } else if !(adds && is_increment) {
-                            axis.last = 0.0;
-                        }
-                        let adds_to_one = adds && is_increment && axis.goal.is_some();
-                        if named && adds {
-                            let base = if adds_to_one {
-                                axis.goal.unwrap_or(at.position[i])
-                            } else {
-                                at.position[i]
-                            };
-                            if !adds_to_one {
-                                // Where the axis stops, and how far it moves until the order is applied.
-                                let v = axis.top.max(at.velocity[i].abs());
-                                let moving = is_pending || at.velocity[i] != 0.0 || at.acceleration[i] != 0.0;
-                                axis.slack = if moving {
-                                    v * (v / 3000.0 + 0.1 + 0.1)
-                                } else {
-                                    1e-6
-                                };
-                            }
-                            axis.goal = Some(base + jog.values[i]);
-                        } else if !(adds && is_increment) {
-                            axis.goal = None;
-                            if named {
-                                (axis.lowest, axis.highest) = (f64::NEG_INFINITY, f64::INFINITY);
-                            }
-                        }
-                        if let Some(goal) = axis.goal {
-                            axis.lowest = axis
-                                .lowest
-                                .min(goal - axis.slack)
-                                .min(at.position[i] - axis.slack);
-                            axis.highest = axis
-                                .highest
-                                .max(goal + axis.slack)
-                                .max(at.position[i] + axis.slack);
-                        }
-                    }
-                    is_increment = adds;
-                } else if !any {
-                    break;
-                }
-                any = true;
-            }
-            if is_held && random.below(80) == 0 {
-                is_held = false;
-            }
-            if is_held && random.below(5) == 0 {
-                let keep = bench.command(CommandCode::JogKeep);
-                bench.says(client, keep);
-                alive_at = bench.now;
-            } else if random.below(10) == 0 {
-                // A keep-alive of another client has no effect.
-                let keep = bench.command(CommandCode::JogKeep);
-                bench.says(9, keep);
-            }
-            if random.below(200) == 0 {
-                let stop = bench.command(CommandCode::JogStop);
-                bench.says(7, stop);
-                stop_at.get_or_insert(bench.now);
-                left = 0;
-                is_held = false;
-            }
+            self.keep_alive(bench, random);
+            self.may_stop(bench, random);
             // Occasionally the control thread sleeps for longer than the lead of a change.
             let cycles = if random.below(25) == 0 {
                 20
@@ -164,60 +102,185 @@ fn random_jogs_keep_speed_distance_and_dead_man() {
                 1 + random.below(6) as u64
             };
             for setpoint in bench.runs(cycles) {
-                for (i, axis) in requested.iter().enumerate() {
-                    let (speed, at) = (setpoint.velocity[i].abs(), setpoint.position[i]);
-                    let bound = |speed: f64| speed * (1.0 + 1e-3) + 1e-6;
-                    let moment = bench.now - begun;
-                    assert!(
-                        speed <= bound(axis.top),
-                        "motion {motion}: axis {i} at {speed} mm/s, asked for {axis:?}, {moment} ms: {log:?}"
-                    );
-                    if bench.now > changed_at + SETTLES {
-                        assert!(
-                            speed <= bound(axis.last),
-                            "motion {motion}: axis {i} still at {speed} mm/s, asked for {axis:?}, {moment} \
-                             ms: {log:?}"
-                        );
-                    }
-                    assert!(
-                        (axis.lowest..=axis.highest).contains(&at),
-                        "motion {motion}: axis {i} at {at} mm, asked for {axis:?}, {moment} ms: {log:?}"
-                    );
-                    let is_dead = !is_increment && bench.now > alive_at + PATIENCE + SETTLES;
-                    let is_stopped = stop_at.is_some_and(|stop_at| bench.now > stop_at + SETTLES);
-                    assert!(
-                        speed == 0.0 || !(is_dead || is_stopped),
-                        "motion {motion}: axis {i} at {speed} mm/s without a dead man, {moment} ms: {log:?}"
-                    );
-                }
+                self.check(&setpoint, bench.now);
             }
             bench.ticks();
-            if matches!(bench.operator.job, Job::None) && any {
-                result = bench.operator.state.result();
-                break;
+            if matches!(bench.operator.job, Job::None) {
+                return Some(bench.operator.state.result());
+            }
+            let (number, log) = (self.number, &self.log);
+            assert!(
+                bench.now < self.begun + 60_000,
+                "motion {number} does not end: {log:?}"
+            );
+            if self.left > 0 && random.below(12) == 0 {
+                self.left -= 1;
+                self.jog(bench, random);
             }
         }
-        if !any {
-            continue;
+    }
+
+    /// A random jog of a random client. Returns whether it is accepted.
+    fn jog(&mut self, bench: &mut Bench, random: &mut Random) -> bool {
+        let who = 1 + random.below(3) as u64;
+        let was_moving = !matches!(bench.operator.job, Job::None);
+        let mut jog = bench.command(CommandCode::Jog);
+        let adds = random.below(2) == 0;
+        (jog.index, jog.amount) = (u32::from(adds), random.log(1.0, 400.0));
+        jog.axes_mask = 1 << random.below(3);
+        if random.below(6) == 0 {
+            jog.axes_mask |= 1 << random.below(3);
         }
-        stopped_by_dead_man += u32::from(result == JobResult::Stopped && !is_increment && stop_at.is_none());
-        let end = bench.operator.view.setpoint;
-        assert!(
-            end.velocity == Axes::zeros(),
-            "motion {motion} has ended and moves: {log:?}"
-        );
-        if is_increment && result == JobResult::Done {
-            increments_done += 1;
-            for (i, axis) in requested.iter().enumerate() {
-                if let Some(goal) = axis.goal {
-                    let off = (end.position[i] - goal).abs();
-                    assert!(
-                        off <= axis.slack,
-                        "motion {motion}: axis {i} ends {off} mm off, {axis:?}: {log:?}"
-                    );
+        for i in AxisMask::from_bits(jog.axes_mask).axes() {
+            let sign = if random.below(2) == 0 { 1.0 } else { -1.0 };
+            jog.values[i] = sign * if adds { random.log(0.01, 40.0) } else { 1.0 };
+        }
+        // The operator does not know this state yet.
+        let at = bench.last;
+        // A jog of this axis may be on its way to the cycle.
+        let is_pending = was_moving && bench.now < self.changed_at + 60;
+        if !bench.says(who, jog) {
+            return false;
+        }
+        self.taken_over += u32::from(was_moving);
+        self.log.push(format!(
+            "{} ms: {who} {:?} {:?} at {}",
+            bench.now - self.begun,
+            &jog.values[..3],
+            jog.index,
+            jog.amount
+        ));
+        (self.client, self.is_held, self.alive_at) = (who, !adds, bench.now);
+        self.changed_at = bench.now;
+        self.demand(&jog, &at, &bench.operator.limits.velocity, is_pending);
+        self.is_increment = adds;
+        true
+    }
+
+    /// What an accepted jog demands of each axis, which is at `at`.
+    fn demand(&mut self, jog: &ControlRequest, at: &Setpoint, limits: &Axes, is_pending: bool) {
+        let adds = jog.index == 1;
+        let continues = adds && self.is_increment;
+        for (i, axis) in self.requested.iter_mut().enumerate() {
+            let named = jog.axes_mask >> i & 1 == 1;
+            if named {
+                axis.last = jog.amount.min(limits[i]);
+                axis.top = axis.top.max(axis.last);
+            } else if !continues {
+                axis.last = 0.0;
+            }
+            if named && adds {
+                let base = axis.goal.filter(|_| continues).unwrap_or_else(|| {
+                    // Where the axis stops, and how far it moves until the order is applied.
+                    let v = axis.top.max(at.velocity[i].abs());
+                    let moving = is_pending || at.velocity[i] != 0.0 || at.acceleration[i] != 0.0;
+                    axis.slack = if moving {
+                        v * (v / 3000.0 + 0.1 + 0.1)
+                    } else {
+                        1e-6
+                    };
+                    at.position[i]
+                });
+                axis.goal = Some(base + jog.values[i]);
+            } else if !continues {
+                axis.goal = None;
+                if named {
+                    (axis.lowest, axis.highest) = (f64::NEG_INFINITY, f64::INFINITY);
                 }
             }
+            axis.widen(at.position[i]);
         }
+    }
+
+    /// The client may hold its dead-man switch, or another may send a keep-alive, which has no effect.
+    fn keep_alive(&mut self, bench: &mut Bench, random: &mut Random) {
+        if self.is_held && random.below(80) == 0 {
+            self.is_held = false;
+        }
+        if self.is_held && random.below(5) == 0 {
+            let keep = bench.command(CommandCode::JogKeep);
+            bench.says(self.client, keep);
+            self.alive_at = bench.now;
+        } else if random.below(10) == 0 {
+            let keep = bench.command(CommandCode::JogKeep);
+            bench.says(9, keep);
+        }
+    }
+
+    fn may_stop(&mut self, bench: &mut Bench, random: &mut Random) {
+        if random.below(200) == 0 {
+            let stop = bench.command(CommandCode::JogStop);
+            bench.says(7, stop);
+            self.stop_at.get_or_insert(bench.now);
+            self.left = 0;
+            self.is_held = false;
+        }
+    }
+
+    /// Speed, position and standstill of each axis.
+    fn check(&self, setpoint: &Setpoint, now: u64) {
+        let (number, moment, log) = (self.number, now - self.begun, &self.log);
+        for (i, axis) in self.requested.iter().enumerate() {
+            let (speed, at) = (setpoint.velocity[i].abs(), setpoint.position[i]);
+            let bound = |speed: f64| speed * (1.0 + 1e-3) + 1e-6;
+            assert!(
+                speed <= bound(axis.top),
+                "motion {number}: axis {i} at {speed} mm/s, asked for {axis:?}, {moment} ms: {log:?}"
+            );
+            if now > self.changed_at + SETTLES {
+                assert!(
+                    speed <= bound(axis.last),
+                    "motion {number}: axis {i} still at {speed} mm/s, asked for {axis:?}, {moment} ms: {log:?}"
+                );
+            }
+            assert!(
+                (axis.lowest..=axis.highest).contains(&at),
+                "motion {number}: axis {i} at {at} mm, asked for {axis:?}, {moment} ms: {log:?}"
+            );
+            let is_dead = !self.is_increment && now > self.alive_at + PATIENCE + SETTLES;
+            let is_stopped = self.stop_at.is_some_and(|stop_at| now > stop_at + SETTLES);
+            assert!(
+                speed == 0.0 || !(is_dead || is_stopped),
+                "motion {number}: axis {i} at {speed} mm/s without a dead man, {moment} ms: {log:?}"
+            );
+        }
+    }
+
+    /// The axes are at rest; after an increment they are at its goal.
+    fn check_end(&self, end: &Setpoint, is_done: bool) {
+        let (number, log) = (self.number, &self.log);
+        assert!(
+            end.velocity == Axes::zeros(),
+            "motion {number} has ended and moves: {log:?}"
+        );
+        for (i, axis) in self.requested.iter().enumerate() {
+            if let Some(goal) = axis.goal.filter(|_| is_done) {
+                let off = (end.position[i] - goal).abs();
+                assert!(
+                    off <= axis.slack,
+                    "motion {number}: axis {i} ends {off} mm off, {axis:?}: {log:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn random_jogs_keep_speed_distance_and_dead_man() {
+    let mut random = Random::seeded(2313);
+    let mut bench = Bench::new();
+    let (mut taken_over, mut stopped_by_dead_man, mut increments_done) = (0, 0, 0);
+    for number in 0..cases(400) {
+        let mut motion = Motion::new(number, &bench, &mut random);
+        let Some(result) = motion.run(&mut bench, &mut random) else {
+            continue;
+        };
+        let is_done = motion.is_increment && result == JobResult::Done;
+        motion.check_end(&bench.operator.view.setpoint, is_done);
+        taken_over += motion.taken_over;
+        let is_dead_man = result == JobResult::Stopped && !motion.is_increment && motion.stop_at.is_none();
+        stopped_by_dead_man += u32::from(is_dead_man);
+        increments_done += u32::from(is_done);
         bench.runs(20);
         bench.ticks();
     }
