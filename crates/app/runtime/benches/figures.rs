@@ -19,8 +19,7 @@ use evolvent_machine::{ControlRate, Machine, PlannerKind};
 use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlanProducer, plan_queue};
 use evolvent_planner::Planner;
 use evolvent_runtime::{
-    Clock, Controls, Job, LatenessReport, Notice, RealtimeRequest, RunObserver, Setup, Summary, bare_loop,
-    run,
+    Clock, Controls, Job, Notice, RealtimeRequest, RunObserver, Setup, Summary, bare_loop, run,
 };
 use evolvent_trace::Histogram;
 
@@ -190,24 +189,19 @@ fn row(what: &str, figure: &str) {
     println!("| {what} | {figure} |");
 }
 
-fn lateness(report: &LatenessReport) -> String {
-    format!("{report:?}")
+fn fast() -> Setup {
+    setup("mill-3axis.toml", Some(ControlRate::Hz(35_000.0)))
 }
 
-fn main() {
-    let seconds = std::env::args()
-        .filter_map(|text| text.parse::<u64>().ok())
-        .next()
-        .unwrap_or(60);
-    let folder = std::env::temp_dir().join(format!("evolvent-figures-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).expect("temporary folder");
-    println!("| what | figure |\n|---|---|");
-
-    // Measured first, before anything else has used memory.
+fn long_program(folder: &Path) {
     let program = folder.join("million.ngc");
     million_lines(&program);
-    let rational = setup("mill-3axis.toml", None);
-    let (summary, time, first) = timed(&job(program, rational.clone(), Clock::Virtual, None));
+    let (summary, time, first) = timed(&job(
+        program,
+        setup("mill-3axis.toml", None),
+        Clock::Virtual,
+        None,
+    ));
     row(
         "1 000 000 lines: first setpoint",
         &format!("{:.3} s", first.as_secs_f64()),
@@ -225,7 +219,9 @@ fn main() {
             summary.duration_s
         ),
     );
+}
 
+fn work_of_cycles() {
     for program in ["letters.ngc", "bore-200.ngc", "relief.ngc"] {
         for rate in [250.0, 1000.0, 10_000.0, 35_000.0] {
             for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
@@ -244,18 +240,19 @@ fn main() {
             }
         }
     }
+}
 
-    let fast = setup("mill-3axis.toml", Some(ControlRate::Hz(35_000.0)));
+fn virtual_clock(folder: &Path) {
     for program in ["bore-200.ngc", "letters.ngc"] {
         let file = root().join("tests/programs").join(program);
-        let (summary, time, _) = timed(&job(file.clone(), fast.clone(), Clock::Virtual, None));
+        let (summary, time, _) = timed(&job(file.clone(), fast(), Clock::Virtual, None));
         let rate = summary.cycles as f64 / time.as_secs_f64();
         row(
             &format!("virtual clock, no trace, {program}"),
             &format!("{:.2} million cycles/s", rate / 1e6),
         );
         let trace = folder.join(format!("{program}.mcap"));
-        let (summary, time, _) = timed(&job(file, fast.clone(), Clock::Virtual, Some(trace.clone())));
+        let (summary, time, _) = timed(&job(file, fast(), Clock::Virtual, Some(trace.clone())));
         let rate = summary.cycles as f64 / time.as_secs_f64();
         let bytes = std::fs::metadata(&trace).map_or(0, |meta| meta.len()) as f64 / summary.cycles as f64;
         row(
@@ -263,9 +260,11 @@ fn main() {
             &format!("{:.2} million cycles/s, {bytes:.0} bytes a cycle", rate / 1e6),
         );
     }
+}
 
+fn limits_of_programs() {
     let bore = root().join("tests/programs/bore-200.ngc");
-    let (summary, _, _) = timed(&job(bore, rational, Clock::Virtual, None));
+    let (summary, _, _) = timed(&job(bore, setup("mill-3axis.toml", None), Clock::Virtual, None));
     row(
         "bore-200 at the rational rate: chord error",
         &format!(
@@ -310,20 +309,22 @@ fn main() {
             );
         }
     }
+}
 
+fn real_time(folder: &Path, seconds: u64) {
     let request = RealtimeRequest {
         priority: Some(80),
         core: None,
         lock_memory: true,
     };
     match bare_loop(35_000.0, Duration::from_secs(seconds.min(20)), &request) {
-        Ok(report) => row("35 kHz bare loop, nothing else", &lateness(&report)),
+        Ok(report) => row("35 kHz bare loop, nothing else", &format!("{report:?}")),
         Err(error) => row("35 kHz bare loop", &format!("not measured: {error}")),
     }
     let trace = folder.join("realtime.mcap");
     let letters = root().join("tests/programs/letters.ngc");
     let summary = stopped_after(
-        &job(letters, fast, Clock::Realtime, Some(trace)),
+        &job(letters, fast(), Clock::Realtime, Some(trace)),
         Duration::from_secs(seconds),
     );
     row(
@@ -338,5 +339,21 @@ fn main() {
             summary.notes
         ),
     );
+}
+
+fn main() {
+    let seconds = std::env::args()
+        .filter_map(|text| text.parse::<u64>().ok())
+        .next()
+        .unwrap_or(60);
+    let folder = std::env::temp_dir().join(format!("evolvent-figures-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("temporary folder");
+    println!("| what | figure |\n|---|---|");
+    // Measured first, before anything else has used memory.
+    long_program(&folder);
+    work_of_cycles();
+    virtual_clock(&folder);
+    limits_of_programs();
+    real_time(&folder, seconds);
     drop(std::fs::remove_dir_all(&folder));
 }
