@@ -16,7 +16,6 @@ use crate::corrections::Corrections;
 use crate::job::Setup;
 use crate::job_start::{ProgramStart, SteeredStart};
 use crate::recompute::{RecordedInputs, wait_for_planner};
-use crate::refusal::ProgramError;
 use crate::serve::{Following, Planning, ProgramJob};
 use crate::signal_loop::SignalChange;
 use crate::signal_replay::{OutputDifference, SignalReplay};
@@ -75,8 +74,6 @@ pub struct ServedAgain {
     limits: Limits,
     period_ns: u64,
     work: ActiveJob,
-    /// The error in the text of the last program.
-    complaint: Option<ProgramError>,
     /// Outputs and inputs, if the machine has any.
     signals: Option<SignalReplay>,
     corrections: Option<Corrections>,
@@ -96,7 +93,6 @@ impl ServedAgain {
             limits,
             period_ns,
             work: ActiveJob::None,
-            complaint: None,
             signals: None,
             corrections: None,
             driven: DrivenPath::new(period_ns),
@@ -410,11 +406,6 @@ impl ServedAgain {
         }
     }
 
-    /// The error in the text of the program that ended last, as far as its planner had read.
-    pub fn take_complaint(&mut self) -> Option<ProgramError> {
-        self.complaint.take()
-    }
-
     fn end_work(&mut self) {
         self.excursion = None;
         if let ActiveJob::Plan { mut planning, job } = std::mem::replace(&mut self.work, ActiveJob::None) {
@@ -424,13 +415,9 @@ impl ServedAgain {
                 // A planner that waits for an input sees that none is reported any more.
                 signals.end_program();
             }
-            let result = loop {
-                if let Some(result) = planning.take_result() {
-                    break result;
-                }
+            while planning.take_result().is_none() {
                 std::thread::sleep(POLL_INTERVAL);
-            };
-            self.complaint = result.1.err();
+            }
         }
     }
 

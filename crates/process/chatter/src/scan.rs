@@ -94,15 +94,6 @@ pub struct Branch {
 }
 
 impl Branch {
-    /// Whether motions at the end of the branch continue to grow, out of the model.
-    #[must_use]
-    pub fn grows_at_the_end(&self) -> bool {
-        match self.points.last() {
-            Some(last) => self.end != ScanEnd::Rest && last.extra_per_s > 0.0,
-            None => self.mode.growth_per_s > 0.0,
-        }
-    }
-
     /// Whether little extra damping would balance the last motion: a cycle may be near, beyond the end.
     pub(crate) fn ends_near_a_cycle(&self) -> bool {
         let last = self
