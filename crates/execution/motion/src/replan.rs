@@ -8,6 +8,8 @@
 //!
 //! [`Slowdown`]: crate::slowdown::Slowdown
 
+use core::ops::ControlFlow;
+
 use evolvent_planner::{ReplanRequest, Step, TimedSegment};
 
 use crate::advance::MAX_RESTS_PER_CYCLE;
@@ -354,7 +356,6 @@ impl PathExecutor {
 
     /// As [`is_ready`](Self::is_ready), if the next step begins with plan step `from`.
     fn is_ready_from(&self, from: u64, queue: &mut PlanConsumer) -> bool {
-        let cursor = &self.cursor;
         if self.is_over()
             || self.quick_stop.is_some()
             || self.process.is_active()
@@ -368,77 +369,86 @@ impl PathExecutor {
         if !queue.can_request() && !queue.has_no_planner() {
             return false;
         }
-        let mut step = from;
-        let mut answered = None;
-        if let Some(open) = self.replan.open {
-            let due = open.after.is_none_or(|after| self.sequence > after);
-            let is_moving = matches!(cursor.drive, ActiveMotion::TimedSegment { .. });
-            if !due && is_moving {
-                // When the request was sent, the plan in force was final beyond the position at which the
-                // reply takes over; the planner may have left it since.
-                return true;
-            }
-            let reply = if due { queue.reply(open.id) } else { None };
-            if due && reply.is_none() && !queue.has_no_planner() {
-                return false;
-            }
-            // The step after this one continues where the reply says: that must be known as well.
-            if due && open.after.is_none() {
-                return true;
-            }
-            if let Some(next) = reply.and_then(|reply| reply.step) {
-                match queue.step(next) {
-                    Some(Step::TimedSegment(flow)) if is_moving => {
-                        step = next;
-                        answered = Some(flow);
-                    }
-                    Some(_) => {}
-                    None => return queue.has_no_planner(),
-                }
-            }
+        match self.piece_of_next_step(from, queue) {
+            ControlFlow::Continue(piece) => self.is_final_ahead(piece, queue),
+            ControlFlow::Break(is_ready) => is_ready,
         }
-        let first = step;
-        let mut rests = 0;
-        let (flow, time) = match cursor.drive {
+    }
+
+    /// The piece with which the next step begins, or at once whether that step is ready.
+    fn piece_of_next_step(&self, from: u64, queue: &mut PlanConsumer) -> ControlFlow<bool, NextPiece> {
+        let (step, answered) = self.after_reply(from, queue)?;
+        match (self.cursor.drive, answered) {
             // A reply that has arrived takes over now.
-            ActiveMotion::TimedSegment { flow, time } => answered.map_or((flow, time), |flow| (flow, 0.0)),
-            ActiveMotion::Run(_) => return queue.has_final_ahead(step),
-            // Rest steps without duration are passed in one cycle: the steps after them must be known, if the
-            // cycle reaches them.
-            ActiveMotion::Still => loop {
-                let Some(occupant) = queue.occupant(step) else {
-                    return queue.has_no_planner();
-                };
-                step = occupant;
-                if rests >= MAX_RESTS_PER_CYCLE {
-                    return true;
-                }
-                rests += 1;
-                match queue.step(step) {
-                    None => return false,
-                    Some(Step::Run(_)) => return queue.has_final_ahead(first),
-                    Some(Step::TimedSegment(flow)) if queue.is_final(step) => break (flow, 0.0),
-                    Some(Step::TimedSegment(_)) => return false,
-                    // The machine stays at a wait for at least one step before it continues.
-                    Some(Step::Wait | Step::InputWait { .. } | Step::End { .. }) => return true,
-                    Some(Step::Turning { .. } | Step::Probe { .. } | Step::Thread { .. }) => {
-                        return queue.is_final(step);
-                    }
-                    Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => return queue.is_final(step),
-                    Some(Step::Dwell { .. } | Step::Action { .. } | Step::ProgramStop { .. }) => step += 1,
-                }
-            },
+            (ActiveMotion::TimedSegment { .. }, Some(flow)) => ControlFlow::Continue(NextPiece {
+                step,
+                flow,
+                time: 0.0,
+                is_reply: true,
+            }),
+            (ActiveMotion::TimedSegment { flow, time }, None) => ControlFlow::Continue(NextPiece {
+                step,
+                flow,
+                time,
+                is_reply: false,
+            }),
+            (ActiveMotion::Run(_), _) => ControlFlow::Break(queue.has_final_ahead(step)),
+            (ActiveMotion::Still, _) => first_piece_after_rests(step, queue),
+        }
+    }
+
+    /// The plan step with which the next step begins, and its piece if an open request's reply takes over in
+    /// motion.
+    fn after_reply(
+        &self,
+        from: u64,
+        queue: &mut PlanConsumer,
+    ) -> ControlFlow<bool, (u64, Option<TimedSegment>)> {
+        let Some(open) = self.replan.open else {
+            return ControlFlow::Continue((from, None));
         };
-        // Everything that the step, or a request that it makes, can read.
+        let due = open.after.is_none_or(|after| self.sequence > after);
+        let is_moving = matches!(self.cursor.drive, ActiveMotion::TimedSegment { .. });
+        if !due && is_moving {
+            // When the request was sent, the plan in force was final beyond the position at which the
+            // reply takes over; the planner may have left it since.
+            return ControlFlow::Break(true);
+        }
+        let reply = if due { queue.reply(open.id) } else { None };
+        if due && reply.is_none() && !queue.has_no_planner() {
+            return ControlFlow::Break(false);
+        }
+        // The step after this one continues where the reply says: that must be known as well.
+        if due && open.after.is_none() {
+            return ControlFlow::Break(true);
+        }
+        let Some(next) = reply.and_then(|reply| reply.step) else {
+            return ControlFlow::Continue((from, None));
+        };
+        match queue.step(next) {
+            Some(Step::TimedSegment(flow)) if is_moving => ControlFlow::Continue((next, Some(flow))),
+            Some(_) => ControlFlow::Continue((from, None)),
+            None => ControlFlow::Break(queue.has_no_planner()),
+        }
+    }
+
+    /// Whether everything that a step from `piece` on, or a request that it makes, can read is final.
+    fn is_final_ahead(&self, piece: NextPiece, queue: &mut PlanConsumer) -> bool {
+        let NextPiece {
+            mut step,
+            flow,
+            time,
+            is_reply,
+        } = piece;
         let mut left = time + self.period * (2 * self.replan.lead + 4) as f64 - flow.piece.duration_s;
         // As far as a slowdown looks ahead, which is a time and a number of pieces: more may not fit into the queue.
-        let (ahead_s, mut pieces) = if cursor.slowdown.is_some() && answered.is_none() {
+        let (ahead_s, mut pieces) = if self.cursor.slowdown.is_some() && !is_reply {
             (self.preview.longest_s(), self.preview.max_pieces())
         } else {
             (0.0, 0)
         };
         // A tail that was claimed is driven to its end.
-        let mut tail = cursor.starved && answered.is_none();
+        let mut tail = self.cursor.starved && !is_reply;
         for _ in 0..MAX_AHEAD {
             if left < 0.0 {
                 if ahead_s + left < 0.0 || pieces == 0 {
@@ -460,6 +470,54 @@ impl PathExecutor {
         }
         true
     }
+}
+
+/// The piece with which a step begins.
+#[derive(Clone, Copy, Debug)]
+struct NextPiece {
+    /// Its plan step.
+    step: u64,
+    flow: TimedSegment,
+    /// Time since its start, s.
+    time: f64,
+    /// It replaces the present piece, by the reply to a request.
+    is_reply: bool,
+}
+
+/// The piece that follows a rest at plan step `first`, or at once whether a step from that rest is ready.
+fn first_piece_after_rests(first: u64, queue: &mut PlanConsumer) -> ControlFlow<bool, NextPiece> {
+    let mut step = first;
+    // Rest steps without duration are passed in one cycle: the steps after them must be known, if the cycle
+    // reaches them.
+    for _ in 0..MAX_RESTS_PER_CYCLE {
+        let Some(occupant) = queue.occupant(step) else {
+            return ControlFlow::Break(queue.has_no_planner());
+        };
+        step = occupant;
+        match queue.step(step) {
+            None => return ControlFlow::Break(false),
+            Some(Step::Run(_)) => return ControlFlow::Break(queue.has_final_ahead(first)),
+            Some(Step::TimedSegment(flow)) if queue.is_final(step) => {
+                return ControlFlow::Continue(NextPiece {
+                    step,
+                    flow,
+                    time: 0.0,
+                    is_reply: false,
+                });
+            }
+            Some(Step::TimedSegment(_)) => return ControlFlow::Break(false),
+            // The machine stays at a wait for at least one step before it continues.
+            Some(Step::Wait | Step::InputWait { .. } | Step::End { .. }) => return ControlFlow::Break(true),
+            Some(Step::Turning { .. } | Step::Probe { .. } | Step::Thread { .. }) => {
+                return ControlFlow::Break(queue.is_final(step));
+            }
+            Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => {
+                return ControlFlow::Break(queue.is_final(step));
+            }
+            Some(Step::Dwell { .. } | Step::Action { .. } | Step::ProgramStop { .. }) => step += 1,
+        }
+    }
+    ControlFlow::Break(queue.occupant(step).is_some() || queue.has_no_planner())
 }
 
 pub(crate) const EMPTY: ReplanRequest = ReplanRequest {
