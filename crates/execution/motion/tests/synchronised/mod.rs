@@ -38,6 +38,17 @@ struct Spindle {
     index: f64,
 }
 
+/// 600 rpm without ripple, from 0 within 0.3 s; its encoder has 4096 counts, and its angle is 1 ms old.
+const EVEN: Spindle = Spindle {
+    rev_s: 10.0,
+    torque: 33.0,
+    ripple: 0.0,
+    order: 1.0,
+    counts: 4096.0,
+    delay_s: 0.001,
+    index: 0.3,
+};
+
 /// Trouble of the spindle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Trouble {

@@ -11,10 +11,8 @@ fn a_tap_goes_in_and_out_in_phase_to_its_depth() {
             rev_s,
             torque,
             ripple: 0.01,
-            order: 1.0,
-            counts: 4096.0,
             delay_s: 0.002,
-            index: 0.3,
+            ..EVEN
         };
         let pass = ThreadPass {
             tap: Some(TapReturn {
@@ -77,15 +75,7 @@ fn a_tap_goes_in_and_out_in_phase_to_its_depth() {
 
 /// A tap of 15 turns at 600 rpm and its spindle, which reverses in 0.6 s.
 fn tap_of_15_turns(braking: Option<f64>) -> (Spindle, ThreadPass) {
-    let spindle = Spindle {
-        rev_s: 10.0,
-        torque: 33.0,
-        ripple: 0.0,
-        order: 1.0,
-        counts: 4096.0,
-        delay_s: 0.001,
-        index: 0.3,
-    };
+    let spindle = EVEN;
     let pass = ThreadPass {
         tap: Some(TapReturn {
             turns_per_s: 10.0,

@@ -43,7 +43,7 @@ fn a_thread_is_in_phase_on_uneven_spindles() {
                     order,
                     counts,
                     delay_s,
-                    index: 0.3,
+                    ..EVEN
                 };
                 let what = format!("{rpm} rpm, order {order}, ripple {ripple}, delay {delay_s} s");
                 let (error, inside) = errors_of_a_pass(&spindle, pitch, &what);
@@ -76,11 +76,11 @@ fn a_thread_is_in_phase_at_any_encoder_resolution() {
                     rev_s: rpm / 60.0,
                     torque: 2000.0 / 60.0,
                     ripple,
-                    order: 1.0,
                     counts,
                     delay_s: 0.002,
                     // Not at an edge of a count, where rounding would look like counts to and fro.
                     index: 0.3137,
+                    ..EVEN
                 };
                 let what = format!("{counts} counts, {rpm} rpm, ripple {ripple}");
                 let (error, _) = errors_of_a_pass(&spindle, pitch, &what);
@@ -98,12 +98,10 @@ fn passes_after_holds_at_other_speeds_share_a_groove() {
         let rev_s = random.log(1.0, 60.0);
         let spindle = Spindle {
             rev_s,
-            torque: 33.0,
             ripple: 0.01,
-            order: 1.0,
-            counts: 4096.0,
             delay_s: 0.002,
             index: random.unit(),
+            ..EVEN
         };
         let pass = ThreadPass {
             // Two starts.
@@ -137,10 +135,8 @@ fn a_thread_follows_a_spindle_slowed_by_the_cut() {
         rev_s: 20.0,
         torque: 10.0,
         ripple: 0.005,
-        order: 1.0,
-        counts: 4096.0,
         delay_s: 0.002,
-        index: 0.3,
+        ..EVEN
     };
     let pass = straight(2.0, 60.0, 20.0);
     let run_in = pass.check(&lathe(), 1e-3).expect("room");
@@ -295,14 +291,9 @@ fn random_threads_keep_every_limit() {
 #[test]
 fn a_lost_angle_ends_a_pass_and_blocks_the_next() {
     let spindle = Spindle {
-        rev_s: 10.0,
-        torque: 33.0,
-        ripple: 0.0,
-        order: 1.0,
-        counts: 4096.0,
-        delay_s: 0.001,
         // Its angle is reported for half a second before the index pulse.
         index: 5.3,
+        ..EVEN
     };
     let pass = straight(1.5, 60.0, 10.0);
     let drive = |trouble| {
@@ -330,10 +321,7 @@ fn an_override_of_the_spindle_is_followed_in_phase() {
             rev_s: 15.0,
             torque: 20.0,
             ripple: 0.005,
-            order: 1.0,
-            counts: 4096.0,
-            delay_s: 0.001,
-            index: 0.3,
+            ..EVEN
         };
         let pass = straight(2.0, 60.0, 15.0);
         // In phase at the faster of both speeds.
@@ -389,11 +377,7 @@ fn a_spindle_stopped_before_the_run_in_ends_a_pass() {
     let spindle = Spindle {
         rev_s: 1.0,
         torque: 10.0,
-        ripple: 0.0,
-        order: 1.0,
-        counts: 4096.0,
-        delay_s: 0.001,
-        index: 0.3,
+        ..EVEN
     };
     let tap = TapReturn {
         turns_per_s: 1.0,
@@ -452,13 +436,9 @@ fn corners_of_a_taper_keep_the_chord_error() {
         let period = period_ns as f64 * 1e-9;
         for chord_error_mm in [0.0001, 0.001] {
             let spindle = Spindle {
-                rev_s: 10.0,
-                torque: 33.0,
                 ripple: 0.02,
-                order: 1.0,
-                counts: 4096.0,
                 delay_s: 0.002,
-                index: 0.3,
+                ..EVEN
             };
             let leg = |x: f64, z: f64, turns: f64| {
                 let mut end = Axes::zeros();
@@ -510,15 +490,7 @@ fn corners_of_a_taper_keep_the_chord_error() {
 /// The encoder falls silent in a pass: the axes follow the predicted angle for 20 ms only.
 #[test]
 fn an_angle_that_is_too_old_ends_a_pass() {
-    let spindle = Spindle {
-        rev_s: 10.0,
-        torque: 33.0,
-        ripple: 0.0,
-        order: 1.0,
-        counts: 4096.0,
-        delay_s: 0.001,
-        index: 0.3,
-    };
+    let spindle = EVEN;
     let tap = Some(TapReturn {
         turns_per_s: 10.0,
         braking: None,

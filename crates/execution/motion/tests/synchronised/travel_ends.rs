@@ -199,10 +199,8 @@ fn a_tap_that_overruns_to_the_travel_limit_stops_within_the_limits() {
             rev_s: 16.0,
             torque: 20.0,
             ripple: 0.01,
-            order: 1.0,
-            counts: 4096.0,
             delay_s: 0.002,
-            index: 0.3,
+            ..EVEN
         };
         let mut machine = lathe();
         let pass = ThreadPass {
@@ -232,10 +230,8 @@ fn a_thread_of_a_spindle_that_is_too_fast_keeps_the_velocity() {
             rev_s: 50.0,
             torque: 60.0,
             ripple: 0.01,
-            order: 1.0,
-            counts: 4096.0,
             delay_s: 0.002,
-            index: 0.3,
+            ..EVEN
         };
         // 1.05 times 50 turns/s times 5.7 mm: 299.25 of 300 mm/s.
         let pass = straight(5.7, 300.0, 50.0);
@@ -258,11 +254,8 @@ fn a_tap_shorter_than_the_braking_of_its_spindle_reaches_its_depth() {
         let spindle = Spindle {
             rev_s,
             torque,
-            ripple: 0.0,
-            order: 1.0,
-            counts: 4096.0,
             delay_s: 0.002,
-            index: 0.3,
+            ..EVEN
         };
         let pass = ThreadPass {
             tap: Some(TapReturn {
