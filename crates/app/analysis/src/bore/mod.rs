@@ -180,22 +180,17 @@ struct Level {
 pub struct BoreProgram {
     request: BoreRequest,
     levels: Vec<Level>,
-    safe_z: f64,
 }
 
-impl BoreProgram {
-    /// Computes the passes.
-    ///
-    /// # Errors
-    /// An impossible request, with the numbers that make it so.
-    pub fn new(request: BoreRequest) -> Result<Self, BoreError> {
+impl BoreRequest {
+    fn check_numbers(&self) -> Result<(), BoreError> {
         let positive = [
-            ("feed", Some(request.feed_mm_min)),
-            ("finish-feed", request.finish_feed_mm_min),
-            ("plunge-feed", Some(request.plunge_feed_mm_min)),
-            ("spindle", Some(request.spindle_rpm)),
-            ("safe", Some(request.safe_mm)),
-            ("tolerance", request.tolerance_mm),
+            ("feed", Some(self.feed_mm_min)),
+            ("finish-feed", self.finish_feed_mm_min),
+            ("plunge-feed", Some(self.plunge_feed_mm_min)),
+            ("spindle", Some(self.spindle_rpm)),
+            ("safe", Some(self.safe_mm)),
+            ("tolerance", self.tolerance_mm),
         ];
         for (name, value) in positive {
             if let Some(value) = value
@@ -204,12 +199,99 @@ impl BoreProgram {
                 return Err(BoreError::Number { name, value });
             }
         }
-        if !request.top_mm.is_finite() {
+        if !self.top_mm.is_finite() {
             return Err(BoreError::Number {
                 name: "top",
-                value: request.top_mm,
+                value: self.top_mm,
             });
         }
+        Ok(())
+    }
+
+    /// Z of each pass, from above.
+    fn depths_mm(&self) -> Result<Vec<f64>, BoreError> {
+        let (top, depth) = (self.top_mm, self.depth_mm);
+        if depth == 0.0 && self.step_mm.is_none() {
+            return Ok(vec![top]);
+        }
+        Ok(depths_mm(top, top - depth, self.step_mm.unwrap_or(depth))?)
+    }
+
+    /// Z of rapid moves.
+    fn safe_z(&self) -> f64 {
+        self.top_mm + self.safe_mm
+    }
+
+    /// Z at which a rapid downward move to material at `z` ends.
+    fn clear_z(&self, z: f64) -> f64 {
+        (z + CLEARANCE_MM).min(self.safe_z())
+    }
+
+    fn rough(&self, hole: &Hole, depths: &[f64], roughing: &BoreRoughing) -> Result<Vec<Level>, BoreError> {
+        let mut levels = Vec::new();
+        let mut above = self.top_mm;
+        for &z in depths {
+            let pass = hole.rough(
+                roughing.pitch_mm,
+                roughing.turns,
+                roughing.allowance_mm,
+                roughing.start,
+                &resting(z),
+            )?;
+            // As in the planning of the pass: rounding must not add a turn.
+            let min_turns = (pass.radius_mm / roughing.pitch_mm - 1e-9).ceil().max(1.0);
+            if f64::from(pass.turns) < min_turns {
+                return Err(BoreError::FewTurns {
+                    turns: pass.turns,
+                    pitch_mm: pass.pitch_mm,
+                    max_mm: roughing.pitch_mm,
+                    min_turns,
+                });
+            }
+            levels.push(Level {
+                pass,
+                z,
+                clear_z: self.clear_z(above),
+                feed: self.feed_mm_min,
+                title: "roughing",
+            });
+            above = z;
+        }
+        Ok(levels)
+    }
+
+    /// `cleared_mm`: distances at which roughing has cleared enough space for the tool.
+    fn finish(
+        &self,
+        hole: &Hole,
+        depths: &[f64],
+        finishing: &BoreFinishing,
+        cleared_mm: Option<[f64; 2]>,
+    ) -> Result<Vec<Level>, BoreError> {
+        let start = finishing_start(hole, self, finishing, cleared_mm)?;
+        // Roughing has opened the hole down to the bottom. Of a hole roughed elsewhere only the top is known.
+        let is_open = cleared_mm.is_some();
+        let mut levels = Vec::new();
+        for &z in depths {
+            levels.push(Level {
+                pass: hole.finish(finishing.turns, 0.0, start, &resting(z))?,
+                z,
+                clear_z: self.clear_z(if is_open { z } else { self.top_mm }),
+                feed: self.finish_feed_mm_min.unwrap_or(self.feed_mm_min),
+                title: "finishing",
+            });
+        }
+        Ok(levels)
+    }
+}
+
+impl BoreProgram {
+    /// Computes the passes.
+    ///
+    /// # Errors
+    /// An impossible request, with the numbers that make it so.
+    pub fn new(request: BoreRequest) -> Result<Self, BoreError> {
+        request.check_numbers()?;
         let hole = Hole {
             plane: Plane::Xy,
             centre_mm: request.centre_mm,
@@ -217,64 +299,14 @@ impl BoreProgram {
             tool_diameter_mm: request.tool_mm,
             milling: request.milling,
         };
-        let (top, depth) = (request.top_mm, request.depth_mm);
-        let depths = if depth == 0.0 && request.step_mm.is_none() {
-            vec![top]
-        } else {
-            depths_mm(top, top - depth, request.step_mm.unwrap_or(depth))?
+        let depths = request.depths_mm()?;
+        let mut levels = match &request.roughing {
+            Some(roughing) => request.rough(&hole, &depths, roughing)?,
+            None => Vec::new(),
         };
-        let safe_z = top + request.safe_mm;
-        let mut levels = Vec::new();
-        let mut cleared_mm = None;
-        if let Some(roughing) = &request.roughing {
-            let mut above = top;
-            for &z in &depths {
-                let pass = hole.rough(
-                    roughing.pitch_mm,
-                    roughing.turns,
-                    roughing.allowance_mm,
-                    roughing.start,
-                    &resting(z),
-                )?;
-                // As in the planning of the pass: rounding must not add a turn.
-                let min_turns = (pass.radius_mm / roughing.pitch_mm - 1e-9).ceil().max(1.0);
-                if f64::from(pass.turns) < min_turns {
-                    return Err(BoreError::FewTurns {
-                        turns: pass.turns,
-                        pitch_mm: pass.pitch_mm,
-                        max_mm: roughing.pitch_mm,
-                        min_turns,
-                    });
-                }
-                cleared_mm = Some(pass.cleared_mm(request.tool_mm));
-                let clear_z = (above + CLEARANCE_MM).min(safe_z);
-                levels.push(Level {
-                    pass,
-                    z,
-                    clear_z,
-                    feed: request.feed_mm_min,
-                    title: "roughing",
-                });
-                above = z;
-            }
-        }
         if let Some(finishing) = &request.finishing {
-            let start = finishing_start(&hole, &request, finishing, cleared_mm)?;
-            // Roughing has opened the hole down to the bottom. Of a hole roughed elsewhere only the top is
-            // known.
-            let is_open = cleared_mm.is_some();
-            let feed = request.finish_feed_mm_min.unwrap_or(request.feed_mm_min);
-            for &z in &depths {
-                let pass = hole.finish(finishing.turns, 0.0, start, &resting(z))?;
-                let clear_z = (if is_open { z } else { top } + CLEARANCE_MM).min(safe_z);
-                levels.push(Level {
-                    pass,
-                    z,
-                    clear_z,
-                    feed,
-                    title: "finishing",
-                });
-            }
+            let cleared_mm = levels.last().map(|level| level.pass.cleared_mm(request.tool_mm));
+            levels.extend(request.finish(&hole, &depths, finishing, cleared_mm)?);
         }
         // The rounding of the coordinates must not make the radius smaller than what was compared.
         let min_mm = ArcTolerance::default().radius_mm;
@@ -288,11 +320,7 @@ impl BoreProgram {
                 min_mm,
             });
         }
-        Ok(Self {
-            request,
-            levels,
-            safe_z,
-        })
+        Ok(Self { request, levels })
     }
 
     /// The blocks of all passes in order.
@@ -366,7 +394,7 @@ impl BoreProgram {
             writeln!(out, "T{number} M6")?;
         }
         writeln!(out, "S{} M3", word(request.spindle_rpm))?;
-        writeln!(out, "G0 Z{}", coordinate(self.safe_z))?;
+        writeln!(out, "G0 Z{}", coordinate(self.request.safe_z()))?;
         for level in &self.levels {
             self.level(level, out)?;
         }
@@ -441,7 +469,7 @@ impl BoreProgram {
             writeln!(out, "({}, {:.6} mm)", title(block.role), block.figures.length_mm)?;
             writeln!(out, "{}", line(block, level.feed))?;
         }
-        writeln!(out, "G0 Z{}", coordinate(self.safe_z))
+        writeln!(out, "G0 Z{}", coordinate(self.request.safe_z()))
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
-use evolvent_runtime::{Clock, Controls, Job as Run, Notice, RunObserver, Setup, run_observed};
+use evolvent_runtime::{Clock, Controls, Job as Run, Notice, RunObserver, RunOutcome, Setup, run_observed};
 use evolvent_turning::{
     Blank, CutKind, CutState, Figures, ScalarLimits, Transition, TurningJob, TurningOutput, TurningSettings,
     TurningState, run_fixed_at_load,
@@ -142,7 +142,6 @@ impl TurningTrial {
 
     fn drive(&mut self, setup: Setup, route: &TurningRoute<'_>) -> Result<(), AnalysisError> {
         let failed = |error: &dyn std::fmt::Display| AnalysisError::Failed(error.to_string());
-        let settings = self.job.settings;
         let folder = Folder::new("evolvent-turn").map_err(|error| failed(&error))?;
         let program = folder.path().join("turn.ngc");
         let text = cycle_program(&self.job, setup.machine.program.turning_cycles);
@@ -151,76 +150,35 @@ impl TurningTrial {
         let file = program.display().to_string();
         let cycle = format!("the cycle of {}", self.job.name);
         let of_cycle = |text: String| text.replace(&file, &cycle);
-        let job = Run {
-            program,
-            setup,
-            clock: route.clock,
-            feed_override: 1.0,
-            trace: route.trace.clone(),
-            bus: route.bus,
-            bus_prefix: route.bus_prefix.map(str::to_owned),
-            wait_for_subscribers: 0,
-            own_subscribers: 0,
-            inputs: None,
-            optional_stop: false,
-            stop_at_program_stops: false,
-        };
         let controls = Arc::new(Controls::new(1.0));
         if route.clock == Clock::Realtime {
             (route.on_start)(&controls)?;
         }
-        let every = (SAMPLE_S / settings.period_s).round().max(1.0) as u64;
-        let (mut cycle, mut peak, mut above) = (0_u64, 0.0, 0.0);
-        let mut writer = StretchWriter::default();
-        let mut is_done = false;
-        let outcome = run_observed(&job, &controls, &mut Silent(&mut self.notes), |observed| {
-            let Some(output) = observed.turning else { return };
-            // Without simulated stock, the load is the measured one.
-            let now = observed.cut.unwrap_or(CutState {
-                load: output.load,
-                ..CutState::default()
-            });
-            self.figures.see(
-                output,
-                &now,
-                settings.regime.set_load,
-                settings.period_s,
-                &mut above,
-            );
-            let feeds = matches!(
-                output.state,
-                TurningState::Approach | TurningState::Engage | TurningState::Cut | TurningState::Climb
-            );
-            if let Some(change) = output.transition {
-                self.changes.push(change);
+        let mut recorder = CycleRecorder::new(self.job.settings);
+        let mut notes = std::mem::take(&mut self.notes);
+        let job = run_of(program, setup, route);
+        let outcome = run_observed(&job, &controls, &mut Silent(&mut notes), |observed| {
+            if let Some(output) = observed.turning {
+                recorder.see(output, observed.cut, self);
             }
-            is_done = output.state == TurningState::Done;
-            if cycle == 0 {
-                self.start = (output.along.position, output.out.position);
-            }
-            peak = f64::max(peak, now.load);
-            writer.see(output, feeds, &settings, &mut self.stretches);
-            if cycle.is_multiple_of(every) {
-                self.samples.push(Sample {
-                    time_s: self.figures.time_s,
-                    along_mm: output.along.position,
-                    out_mm: output.out.position,
-                    feed_mm_rev: output.along.velocity * settings.turn_s(),
-                    load: peak,
-                    feeds,
-                    pass: output.pass,
-                });
-                peak = 0.0;
-            }
-            cycle += 1;
-        })
-        .map_err(|error| AnalysisError::Failed(of_cycle(error.to_string())))?;
-        writer.finish(&mut self.stretches);
+        });
+        self.notes = notes;
+        let outcome = outcome.map_err(|error| AnalysisError::Failed(of_cycle(error.to_string())))?;
+        recorder.writer.finish(&mut self.stretches);
+        self.take_outcome(outcome, recorder.is_done, &of_cycle)
+    }
+
+    fn take_outcome(
+        &mut self,
+        outcome: RunOutcome,
+        is_done: bool,
+        of_cycle: &impl Fn(String) -> String,
+    ) -> Result<(), AnalysisError> {
         outcome
             .program
             .map_err(|error| AnalysisError::Input(of_cycle(error.to_string())))?;
         self.figures.done = is_done && outcome.fault.is_none();
-        self.fault = outcome.fault.map(&of_cycle);
+        self.fault = outcome.fault.map(of_cycle);
         if let Some(process) = outcome.process {
             self.figures.residual_mm = process.workpiece().residual_mm();
             self.figures.undercut_mm = process.workpiece().undercut_mm();
@@ -381,6 +339,95 @@ fn steep_entry(settings: &TurningSettings) -> Option<String> {
             100.0 * fraction
         )
     })
+}
+
+/// The run of a program on a route, without operator.
+fn run_of(program: PathBuf, setup: Setup, route: &TurningRoute<'_>) -> Run {
+    Run {
+        program,
+        setup,
+        clock: route.clock,
+        feed_override: 1.0,
+        trace: route.trace.clone(),
+        bus: route.bus,
+        bus_prefix: route.bus_prefix.map(str::to_owned),
+        wait_for_subscribers: 0,
+        own_subscribers: 0,
+        inputs: None,
+        optional_stop: false,
+        stop_at_program_stops: false,
+    }
+}
+
+/// Collects figures, samples and sections of the cycles of a trial.
+struct CycleRecorder {
+    settings: TurningSettings,
+    /// Cycles so far, and those between two samples.
+    cycle: u64,
+    every: u64,
+    /// Maximum load since the last sample.
+    peak: f64,
+    /// For [`Figures::see`].
+    above: f64,
+    writer: StretchWriter,
+    is_done: bool,
+}
+
+impl CycleRecorder {
+    fn new(settings: TurningSettings) -> Self {
+        Self {
+            settings,
+            cycle: 0,
+            every: (SAMPLE_S / settings.period_s).round().max(1.0) as u64,
+            peak: 0.0,
+            above: 0.0,
+            writer: StretchWriter::default(),
+            is_done: false,
+        }
+    }
+
+    /// Records a cycle; `cut` is that of simulated stock.
+    fn see(&mut self, output: &TurningOutput, cut: Option<CutState>, trial: &mut TurningTrial) {
+        let settings = &self.settings;
+        // Without simulated stock, the load is the measured one.
+        let now = cut.unwrap_or(CutState {
+            load: output.load,
+            ..CutState::default()
+        });
+        trial.figures.see(
+            output,
+            &now,
+            settings.regime.set_load,
+            settings.period_s,
+            &mut self.above,
+        );
+        let feeds = matches!(
+            output.state,
+            TurningState::Approach | TurningState::Engage | TurningState::Cut | TurningState::Climb
+        );
+        if let Some(change) = output.transition {
+            trial.changes.push(change);
+        }
+        self.is_done = output.state == TurningState::Done;
+        if self.cycle == 0 {
+            trial.start = (output.along.position, output.out.position);
+        }
+        self.peak = f64::max(self.peak, now.load);
+        self.writer.see(output, feeds, settings, &mut trial.stretches);
+        if self.cycle.is_multiple_of(self.every) {
+            trial.samples.push(Sample {
+                time_s: trial.figures.time_s,
+                along_mm: output.along.position,
+                out_mm: output.out.position,
+                feed_mm_rev: output.along.velocity * settings.turn_s(),
+                load: self.peak,
+                feeds,
+                pass: output.pass,
+            });
+            self.peak = 0.0;
+        }
+        self.cycle += 1;
+    }
 }
 
 /// Collects the notes for the user.
