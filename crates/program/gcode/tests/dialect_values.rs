@@ -48,6 +48,25 @@ fn system_variables_of_macro_programs_are_warned_about_once() {
     assert_eq!(warnings_with("G0 X#5043\nM2\n", settings), []);
 }
 
+/// A rejected line has no effect: its read is not reported with another line, and the next one is.
+#[test]
+fn rejected_lines_neither_lose_nor_misplace_the_warning_of_a_read() {
+    for rejected in [
+        // Rejected after the values were read, and while they were read.
+        "G0 G1 X#5043",
+        "G0 Z#5043 X[1/0]",
+        // An assignment that is undone does not make the parameter the program's own.
+        "#5043=0 G1 X1",
+    ] {
+        let lines = |line: &str| -> Vec<u32> {
+            let found = warnings(&format!("{rejected}\n{line}\nM2\n"));
+            found.into_iter().map(|(line, _)| line).collect()
+        };
+        assert!(lines("G0 X1").is_empty(), "{rejected}");
+        assert_eq!(lines("G0 X#5043"), [2], "{rejected}");
+    }
+}
+
 #[test]
 fn a_peck_in_micrometres_is_a_warning() {
     let hole = |words: &str| warnings(&format!("G21 F100\nG0 Z5\nG83 X1 Z-20 R2 {words}\nG80\nM2\n"));

@@ -144,6 +144,20 @@ fn lines_of_other_lathes_are_errors_or_warnings() {
     }
 }
 
+/// A rejected line has no effect: neither its G99 nor its warning counts.
+#[test]
+fn rejected_lines_do_not_change_the_warning_of_g99() {
+    let lines = |program: &str| -> (Vec<u32>, Vec<u32>) {
+        let (warnings, errors) = on_lathe(&format!("G18 G21 G0 X40 Z2\n{program}M2\n"));
+        let lines = |messages: Messages| messages.into_iter().map(|(line, _)| line).collect();
+        (lines(warnings), lines(errors))
+    };
+    // The warning of the rejected line is given with the next.
+    assert_eq!(lines("G99\nG2 X1 F0.2\nG1 Z1 F0.2\n"), (vec![4], vec![3]));
+    // G99 of a rejected line.
+    assert_eq!(lines("G99 G2 X1 F100\nG1 Z1 F0.2\n"), (vec![], vec![2]));
+}
+
 #[test]
 fn lines_of_this_dialect_cause_no_warning_on_a_lathe() {
     for text in [

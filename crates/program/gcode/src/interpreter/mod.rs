@@ -411,7 +411,9 @@ impl<R: BufRead> Interpreter<R> {
         execute: impl FnOnce(&mut Self) -> Result<(), Fault>,
     ) -> Result<(), Box<Diagnostic>> {
         let (length_before, mark) = (self.output.pending.len(), self.output.contour_checker.mark());
+        let is_g99_alone = self.state.is_g99_alone;
         self.output.changed.clear();
+        self.parameters.foreign_reads.begin();
         execute(self).map_err(|fault| {
             self.output.contour_checker.roll_back(mark);
             let fault = foreign::explain(
@@ -435,6 +437,10 @@ impl<R: BufRead> Interpreter<R> {
                 }
             }
             self.parameters.roll_back();
+            // With the commands of the line its warnings are removed: they are given with the next line that
+            // has cause for them.
+            self.parameters.foreign_reads.roll_back();
+            self.state.is_g99_alone = is_g99_alone;
             self.locate(fault)
         })
     }

@@ -11,6 +11,8 @@ pub(crate) struct ForeignReads {
     pending: Cell<Option<usize>>,
     /// Those that have been reported, or need no report.
     reported: BTreeSet<usize>,
+    /// Those that the present line has added to them.
+    added: Vec<usize>,
 }
 
 impl ForeignReads {
@@ -25,7 +27,30 @@ impl ForeignReads {
     /// A parameter that the program sets is its own, with any value.
     pub(crate) fn set(&mut self, index: usize) {
         if equivalent(index).is_some() {
-            self.reported.insert(index);
+            self.add(index);
+        }
+    }
+
+    fn add(&mut self, index: usize) -> bool {
+        let is_new = self.reported.insert(index);
+        if is_new {
+            self.added.push(index);
+        }
+        is_new
+    }
+
+    /// Begins a line, or a part of it.
+    #[inline]
+    pub(crate) fn begin(&mut self) {
+        self.added.clear();
+    }
+
+    /// Undoes a rejected line: its warning is lost, and its assignments have no effect.
+    #[cold]
+    pub(crate) fn roll_back(&mut self) {
+        self.pending.set(None);
+        for index in self.added.drain(..) {
+            self.reported.remove(&index);
         }
     }
 
@@ -37,7 +62,7 @@ impl ForeignReads {
 
     #[cold]
     fn report(&mut self, index: usize) -> Option<String> {
-        let (meaning, advice) = equivalent(index).filter(|_| self.reported.insert(index))?;
+        let (meaning, advice) = equivalent(index).filter(|_| self.add(index))?;
         Some(format!(
             "#{index}, {meaning} in other dialects, is an ordinary parameter here, and 0 because nothing has \
              set it; {advice}"
