@@ -2,6 +2,7 @@
 
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::diagnostics::dialect_conflicts::tool_word_equivalent;
+use crate::diagnostics::foreign_text::ForeignText;
 use crate::syntax::block::Block;
 use crate::{Code, SPINDLES};
 
@@ -23,7 +24,8 @@ pub(crate) fn explain(text: &[u8], block: &Block, fault: &Fault, context: Dialec
         is_zx: span_of(block, b'G', 18.0).is_some() || context.is_zx && span_of(block, b'G', 17.0).is_none(),
         ..context
     };
-    explain_text(&line, fault)
+    ForeignText::new(&line, fault)
+        .explain()
         .or_else(|| explain_codes(block, fault, context))
         .or_else(|| explain_arc(block, fault, context))
 }
@@ -47,229 +49,12 @@ fn span_of(block: &Block, letter: u8, value: f64) -> Option<Span> {
         .map(|word| word.span)
 }
 
-fn replacement(
+pub(super) fn replacement(
     fault: &Fault,
     message: impl Into<String>,
     help: impl Into<std::borrow::Cow<'static, str>>,
 ) -> Fault {
     Fault::new(fault.code, fault.span, message).help(help)
-}
-
-/// Lines that are recognized by their characters.
-fn explain_text(line: &str, fault: &Fault) -> Option<Fault> {
-    let start = line.trim_start_matches([' ', '\t']);
-    let code = line.split(['(', ';']).next().unwrap_or_default();
-    let compact: String = code
-        .chars()
-        .filter(|character| !character.is_whitespace())
-        .collect();
-    let upper = compact.to_ascii_uppercase();
-    if fault.code == Code::StrayPercent && compact == "%" {
-        return Some(replacement(
-            fault,
-            "'%' in the middle of a program",
-            "move it to the first line, before any comment, or delete it; the program ends at M2, M30 or a \
-             second %",
-        ));
-    }
-    if fault.code == Code::StrayPercent && start.starts_with('%') {
-        return Some(replacement(
-            fault,
-            "text after %, which must be alone on its line",
-            "write % alone on the first line and on the last, and the text after it on the next line; a name \
-             can be a comment: (PART 1)",
-        ));
-    }
-    if upper.starts_with('$') && upper.ends_with('%') {
-        return Some(replacement(
-            fault,
-            format!("{compact} is the name of a program in another dialect"),
-            "delete the line, or write it as a comment: (NAME)",
-        ));
-    }
-    if let Some(control_character) = code
-        .chars()
-        .find(|character| character.is_ascii_control() && !character.is_ascii_whitespace())
-        .filter(|_| {
-            matches!(
-                fault.code,
-                Code::UnexpectedCharacter | Code::BadNumber | Code::NumberMissing
-            )
-        })
-    {
-        return Some(replacement(
-            fault,
-            format!(
-                "a control character (0x{:02X}) that is not part of a program",
-                u32::from(control_character)
-            ),
-            "delete it: it is left over from a transmission, such as STX or the end of a file (0x1A)",
-        ));
-    }
-    if fault.code == Code::UnexpectedCharacter
-        && let Some(number) = decimal_comma(&compact)
-    {
-        return Some(replacement(
-            fault,
-            format!("{number}: numbers have a decimal point"),
-            format!("write {}", number.replace(',', ".")),
-        ));
-    }
-    if upper.starts_with('$') && !matches!(fault.code, Code::SpindleSelection | Code::UnusedWord) {
-        let word: String = upper.chars().take_while(|character| *character != '=').collect();
-        let help = if upper.starts_with("$H") {
-            "delete the line and home the machine before the program (evolvent ctl home)"
-        } else if upper.starts_with("$J") {
-            "delete the line, or write the move as G91 G1 X.. F.."
-        } else {
-            "delete the line; settings are in the machine file"
-        };
-        return Some(replacement(
-            fault,
-            format!("{word} is a command of Grbl, not a line of a program"),
-            help,
-        ));
-    }
-    if let Some(number) = upper
-        .strip_prefix(':')
-        .filter(|rest| rest.starts_with(|digit: char| digit.is_ascii_digit()))
-    {
-        let number: String = number.chars().take_while(char::is_ascii_digit).collect();
-        return Some(replacement(
-            fault,
-            format!(":{number} is a program number in another dialect"),
-            format!(
-                "delete it, or write it as a comment: (O{number}); a subroutine is O{number} sub ... \
-                 O{number} endsub"
-            ),
-        ));
-    }
-    if upper.starts_with('/') && upper[1..].starts_with(|digit: char| digit.is_ascii_digit()) {
-        return Some(replacement(
-            fault,
-            "/ with a number: block delete has one switch here, and no levels",
-            "write / without a number",
-        ));
-    }
-    for (mark, meaning, help) in [
-        (
-            ",R",
-            "corner rounding (,R)",
-            "write the rounding as an arc: G2 or G3 with R",
-        ),
-        (",C", "a chamfer (,C)", "write the chamfer as a line: G1 X.. Y.."),
-        (",A", "a line by its angle (,A)", "write the end point: X.. Y.."),
-    ] {
-        if fault.code == Code::UnexpectedCharacter && upper.contains(mark) {
-            return Some(replacement(
-                fault,
-                format!("{meaning} is not part of this dialect"),
-                help,
-            ));
-        }
-    }
-    if compact.contains("|#<") {
-        return Some(replacement(
-            fault,
-            "the name of a parameter inside another name is not part of this dialect",
-            "write numbers: #[100 + #<b>] is one parameter of a list",
-        ));
-    }
-    macro_assignment(code, &compact, fault).or_else(|| siemens(&upper, fault))
-}
-
-/// The first number with a comma in place of the decimal point, with the letter before it.
-fn decimal_comma(compact: &str) -> Option<&str> {
-    let bytes = compact.as_bytes();
-    let is_digit = |index: usize| bytes.get(index).is_some_and(u8::is_ascii_digit);
-    // Functions have two values in brackets on other controls.
-    let before = compact.find(['[', '(']).unwrap_or(bytes.len());
-    let comma =
-        (1..before).find(|index| bytes[*index] == b',' && is_digit(index - 1) && is_digit(index + 1))?;
-    let is_in_number = |byte: &u8| byte.is_ascii_digit() || matches!(byte, b'+' | b'-');
-    let digits = bytes[..comma]
-        .iter()
-        .rev()
-        .take_while(|byte| is_in_number(byte))
-        .count();
-    let has_letter = comma > digits && bytes[comma - digits - 1].is_ascii_alphabetic();
-    if !has_letter {
-        return None;
-    }
-    let fraction = bytes[comma + 1..]
-        .iter()
-        .take_while(|byte| byte.is_ascii_digit())
-        .count();
-    compact.get(comma - digits - 1..comma + 1 + fraction)
-}
-
-/// An expression without brackets after `#1 =`.
-fn macro_assignment(code: &str, compact: &str, fault: &Fault) -> Option<Fault> {
-    let is_incomplete = matches!(
-        fault.code,
-        Code::BadNumber
-            | Code::LetterMissing
-            | Code::UnexpectedCharacter
-            | Code::MisplacedBlockDelete
-            | Code::NumberMissing
-    );
-    if !is_incomplete || !compact.starts_with(['#', 'N', 'n', '/']) {
-        return None;
-    }
-    let start = code.find('#')?;
-    let (target, expression) = code[start..].split_once('=')?;
-    let expression = expression.trim();
-    let mut depth = 0_i32;
-    let has_operator = expression.char_indices().any(|(index, character)| {
-        depth += i32::from(character == '[') - i32::from(character == ']');
-        depth == 0 && index > 0 && matches!(character, '+' | '-' | '*' | '/')
-    });
-    let target = target.trim();
-    (has_operator && !expression.contains('=')).then(|| {
-        replacement(
-            fault,
-            "an expression without brackets",
-            format!("write {target} = [{expression}]"),
-        )
-    })
-}
-
-/// `X=10`, `CR=5`, `CYCLE81(...)`.
-fn siemens(upper: &str, fault: &Fault) -> Option<Fault> {
-    if upper.starts_with("CYCLE") || upper.starts_with("MCALL") {
-        let help = "write a cycle of this dialect: G81 X.. Y.. Z.. R.. drills, G83 with Q pecks";
-        return Some(replacement(
-            fault,
-            "cycles by name (CYCLE81, MCALL) are not part of this dialect",
-            help,
-        ));
-    }
-    let index = upper.find('=').filter(|_| !upper.contains('#'))?;
-    let reversed: Vec<char> = upper[..index]
-        .chars()
-        .rev()
-        .take_while(char::is_ascii_alphabetic)
-        .collect();
-    let name: String = reversed.iter().rev().collect();
-    match &name[..] {
-        "" => None,
-        "CR" => Some(replacement(
-            fault,
-            "CR=, the radius of an arc, is R in this dialect",
-            "write R without =, as in G2 X1 Y1 R5",
-        )),
-        name if name.len() == 1 || name.ends_with(['X', 'Y', 'Z', 'I', 'J', 'K']) => {
-            let letter = &name[name.len() - 1..];
-            Some(replacement(
-                fault,
-                "words with = are not part of this dialect",
-                format!(
-                    "write {letter}10 in place of {letter}=10, and {letter}#1 for the value of a parameter"
-                ),
-            ))
-        }
-        _ => None,
-    }
 }
 
 /// G50 and G15 alone, which end what this dialect does not have.

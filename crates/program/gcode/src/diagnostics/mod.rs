@@ -5,4 +5,5 @@ pub(crate) mod dialect_conflicts;
 pub(crate) mod foreign;
 pub(crate) mod foreign_codes;
 pub(crate) mod foreign_line;
+mod foreign_text;
 pub(crate) mod hints;
