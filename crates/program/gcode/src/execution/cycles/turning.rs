@@ -72,6 +72,24 @@ pub struct TurningCycle {
     pub cross_feed_mm_s: f64,
 }
 
+/// The words that give the end of a step along one axis.
+struct EndWords {
+    absolute: u8,
+    increment: u8,
+    meaning: &'static str,
+}
+
+const X_WORDS: EndWords = EndWords {
+    absolute: b'X',
+    increment: b'U',
+    meaning: "the final diameter",
+};
+const Z_WORDS: EndWords = EndWords {
+    absolute: b'Z',
+    increment: b'W',
+    meaning: "the end of the step",
+};
+
 /// The feed of a cut.
 #[derive(Clone, Copy, Debug)]
 struct CutFeed {
@@ -119,7 +137,7 @@ impl Executor<'_> {
             Some(other) => {
                 let message =
                     format!("Q{other}: {name} supports Q0, plain passes, and Q1, load-adaptive passes");
-                return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
+                return Err(self.out_of_range(b'Q', message));
             }
         };
         if load_adaptive && self.settings.features.load_channel {
@@ -148,7 +166,6 @@ impl Executor<'_> {
 
     /// X, Z and related words.
     fn step_of_line(&self, turning: Turning, name: &str) -> Result<Step, Fault> {
-        let line = self.line;
         let unit = self.state.unit_mm();
         let across = match self.settings.features.turning_words {
             TurningWords::Diameter => 0.5 * unit,
@@ -156,99 +173,126 @@ impl Executor<'_> {
             TurningWords::Mode => self.state.word_unit(0),
         };
         let position = self.state.machine_to_program(self.state.position);
-        let coordinate = |absolute: u8, increment: u8, factor: f64, from: f64, what: &str| match (
-            line.word(absolute),
-            line.word(increment),
-        ) {
-            (Some(value), None) if self.state.modes.incremental => Ok(from + value * factor),
-            (Some(value), None) => Ok(value * factor),
-            (None, Some(value)) => Ok(from + value * factor),
-            (Some(_), Some(_)) => {
-                let (a, b) = (char::from(absolute), char::from(increment));
-                let message = format!("{a} and {b} on one line of {name}");
-                Err(Fault::new(Code::TwoUsers, line.span(increment), message)
-                    .help("U and W are the increments of X and Z: give one of each pair"))
-            }
-            (None, None) => {
-                let (a, b) = (char::from(absolute), char::from(increment));
-                let message = format!("{name} needs {a} or {b}, {what}");
-                Err(Fault::new(Code::WordMissing, line.motion_span(), message))
-            }
-        };
-        let x = coordinate(b'X', b'U', across, position[0], "the final diameter")?;
-        let z = coordinate(b'Z', b'W', unit, position[2], "the end of the step")?;
-        let out_of_range =
-            |letter: u8, message: String| Err(Fault::new(Code::OutOfRange, line.span(letter), message));
-        let in_units = |value: f64| value / unit;
+        let x = self.end_of_step(&X_WORDS, across, position[0], name)?;
+        let z = self.end_of_step(&Z_WORDS, unit, position[2], name)?;
         if x == position[0] || z == position[2] {
             let message = format!("{name} with nothing to cut: the tool is at its X or Z");
-            return Err(Fault::new(Code::OutOfRange, line.motion_span(), message)
+            return Err(Fault::new(Code::OutOfRange, self.line.motion_span(), message)
                 .help("the tool must be at the corner of the stock before the cycle"));
-        }
-        let (outward, backward) = ((position[0] - x).signum(), (position[2] - z).signum());
-        let cone = match (line.word(b'R'), line.word(b'L'), turning) {
-            (Some(r), Some(l), Turning::Longitudinal) => {
-                let cone = [r * across, l * unit];
-                if (cone[0] - x) * outward < 0.0 || (z - cone[1]) * backward < 0.0 {
-                    let message = format!(
-                        "{name}: the cone from radius {:.4} at Z{:.4} to radius {:.4} at Z{:.4} does not \
-                         continue outwards",
-                        in_units(x),
-                        in_units(z),
-                        in_units(cone[0]),
-                        in_units(cone[1])
-                    );
-                    return out_of_range(b'R', message);
-                }
-                Some(cone)
-            }
-            (None, None, _) | (_, _, Turning::Facing) => None,
-            (r, ..) => {
-                let (has, lacks) = if r.is_some() { ('R', 'L') } else { ('L', 'R') };
-                let message = format!("{name} with {has} but without {lacks}: a cone needs both");
-                return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
-            }
-        };
-        let allowance = line.word(b'H').unwrap_or(0.0) * unit;
-        let available = ((position[0] - x) * outward).min((position[2] - z) * backward);
-        if !(0.0..available).contains(&allowance) {
-            let message = format!(
-                "H{}: the allowance must be at least 0 and below the depth to be cut, {:.4}",
-                in_units(allowance),
-                in_units(available)
-            );
-            return out_of_range(b'H', message);
         }
         let feed = CutFeed {
             mm_s: self.speed(1.0, false),
             mm_rev: self.state.modes.feed.and_then(|feed| feed.per_revolution(false)),
         };
-        let cross_feed = match line.word(b'E') {
-            Some(e) if e <= 0.0 => {
-                return out_of_range(b'E', format!("E{e}: the feed along X must be above 0"));
-            }
-            Some(e) if feed.mm_rev.is_some() => CutFeed {
-                mm_s: e * unit * self.state.feed_rpm() / 60.0,
-                mm_rev: Some(e * unit),
-            },
-            Some(e) => CutFeed {
-                mm_s: e * unit / 60.0,
-                mm_rev: None,
-            },
-            None => feed,
-        };
-        Ok(Step {
+        let square = Step {
             x0: position[0],
             z0: position[2],
             x,
             z,
-            cone,
-            allowance,
+            cone: None,
+            allowance: 0.0,
             feed,
-            cross_feed,
-            outward,
-            backward,
+            cross_feed: feed,
+            outward: (position[0] - x).signum(),
+            backward: (position[2] - z).signum(),
+        };
+        Ok(Step {
+            cone: match turning {
+                Turning::Longitudinal => self.cone_of_line(&square, across, name)?,
+                Turning::Facing => None,
+            },
+            allowance: self.allowance_of_line(&square)?,
+            cross_feed: self.cross_feed_of_line(feed)?,
+            ..square
         })
+    }
+
+    /// The end along one axis in program coordinates, mm. The tool is at `from`; a word counts `factor`.
+    fn end_of_step(&self, words: &EndWords, factor: f64, from: f64, name: &str) -> Result<f64, Fault> {
+        let line = self.line;
+        let (a, b) = (char::from(words.absolute), char::from(words.increment));
+        match (line.word(words.absolute), line.word(words.increment)) {
+            (Some(value), None) if self.state.modes.incremental => Ok(from + value * factor),
+            (Some(value), None) => Ok(value * factor),
+            (None, Some(value)) => Ok(from + value * factor),
+            (Some(_), Some(_)) => {
+                let message = format!("{a} and {b} on one line of {name}");
+                Err(Fault::new(Code::TwoUsers, line.span(words.increment), message)
+                    .help("U and W are the increments of X and Z: give one of each pair"))
+            }
+            (None, None) => {
+                let message = format!("{name} needs {a} or {b}, {}", words.meaning);
+                Err(Fault::new(Code::WordMissing, line.motion_span(), message))
+            }
+        }
+    }
+
+    /// R and L of G82: the end of a cone.
+    fn cone_of_line(&self, step: &Step, across: f64, name: &str) -> Result<Option<[f64; 2]>, Fault> {
+        let (line, unit) = (self.line, self.state.unit_mm());
+        let (r, l) = match (line.word(b'R'), line.word(b'L')) {
+            (Some(r), Some(l)) => (r * across, l * unit),
+            (None, None) => return Ok(None),
+            (r, _) => {
+                let (has, lacks) = if r.is_some() { ('R', 'L') } else { ('L', 'R') };
+                let message = format!("{name} with {has} but without {lacks}: a cone needs both");
+                return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
+            }
+        };
+        if (r - step.x) * step.outward < 0.0 || (step.z - l) * step.backward < 0.0 {
+            let message = format!(
+                "{name}: the cone from radius {:.4} at Z{:.4} to radius {:.4} at Z{:.4} does not continue \
+                 outwards",
+                step.x / unit,
+                step.z / unit,
+                r / unit,
+                l / unit
+            );
+            return Err(self.out_of_range(b'R', message));
+        }
+        Ok(Some([r, l]))
+    }
+
+    /// H, mm.
+    fn allowance_of_line(&self, step: &Step) -> Result<f64, Fault> {
+        let unit = self.state.unit_mm();
+        let allowance = self.line.word(b'H').unwrap_or(0.0) * unit;
+        let available = ((step.x0 - step.x) * step.outward).min((step.z0 - step.z) * step.backward);
+        if !(0.0..available).contains(&allowance) {
+            let message = format!(
+                "H{}: the allowance must be at least 0 and below the depth to be cut, {:.4}",
+                allowance / unit,
+                available / unit
+            );
+            return Err(self.out_of_range(b'H', message));
+        }
+        Ok(allowance)
+    }
+
+    /// E, the feed along X; `feed` without it.
+    fn cross_feed_of_line(&self, feed: CutFeed) -> Result<CutFeed, Fault> {
+        let Some(e) = self.line.word(b'E') else {
+            return Ok(feed);
+        };
+        if e <= 0.0 {
+            return Err(self.out_of_range(b'E', format!("E{e}: the feed along X must be above 0")));
+        }
+        let unit = self.state.unit_mm();
+        Ok(if feed.mm_rev.is_some() {
+            CutFeed {
+                mm_s: e * unit * self.state.feed_rpm() / 60.0,
+                mm_rev: Some(e * unit),
+            }
+        } else {
+            CutFeed {
+                mm_s: e * unit / 60.0,
+                mm_rev: None,
+            }
+        })
+    }
+
+    fn out_of_range(&self, letter: u8, message: String) -> Fault {
+        Fault::new(Code::OutOfRange, self.line.span(letter), message)
     }
 
     /// D or K, a radius.
@@ -265,7 +309,7 @@ impl Executor<'_> {
             "{}{depth}: the depth of a pass of {name} must be above 0",
             char::from(letter)
         );
-        Err(Fault::new(Code::OutOfRange, self.line.span(letter), message))
+        Err(self.out_of_range(letter, message))
     }
 
     fn output_cycle(&mut self, turning: Turning, step: &Step, depth_mm: Option<f64>) -> Result<(), Fault> {
