@@ -1,29 +1,29 @@
 //! `evolvent bridge`: simulated drives, EtherCAT drives, Mesa boards, and a test suite for drive bridges.
 
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use evolvent_bridge_sim::{
     Cutting, Fault, LoopbackInputs, ProbeSettings, RunError, RunSettings, ServoSettings, Signalling, SimAxis,
     SimEvent, SimIndex, SimReport, SimSettings, SpindleSimulation, loopback, run_cutting,
 };
-use evolvent_bridge_test::{
-    CASES, Outcome, Part, ProcessBridge, SIMULATED_PROBE, Stage, ThreadBridge, run_case, run_core,
-};
+use evolvent_bridge_test::run_core;
 use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
 use evolvent_config::plain;
 use evolvent_machine::{HomingMethod, HomingSettings, Machine, SignalKind};
 use evolvent_runtime::{InputScript, RealtimeRequest, apply_to_this_thread};
 use evolvent_turning::{SimulatedProcess, TurningJob};
-use serde_json::{Value, json};
+use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 
 use crate::bridge_ethercat as ethercat;
 use crate::bridge_mesa as mesa;
+use crate::bridge_test;
+use crate::output::written;
 use crate::{CommandError, Ending};
 
 /// Real-time priority of simulated drives, if the system permits it; below that of the core.
@@ -57,7 +57,7 @@ enum BridgeCommand {
     /// command the simulated bridge is tested. The first of three axes X Y Z moves by some millimetres,
     /// slowly. Exit code 1 if a case failed; 3 if none did, but this host kept the bridge from running for so
     /// long that a case could not be measured. Ctrl-C and SIGTERM end the suite and its bridge.
-    Test(TestArgs),
+    Test(bridge_test::TestArgs),
     /// Run a core that moves an axis to and fro, which `test` kills.
     #[command(hide = true)]
     Core(CoreArgs),
@@ -143,43 +143,6 @@ struct SimArgs {
 }
 
 #[derive(Args, Debug)]
-struct TestArgs {
-    /// Run only the case of this name, or the cases whose name contains it.
-    #[arg(long, value_name = "WORD")]
-    only: Option<String>,
-    /// Number of random moments for each case that uses them.
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    moments: u32,
-    /// Seed of the random moments.
-    #[arg(long, value_name = "N")]
-    seed: Option<u64>,
-    /// Test the simulated bridge in this process instead of a command.
-    #[arg(long, conflicts_with = "command")]
-    in_process: bool,
-    /// Run the cases of signals too: the bridge reads inputs and sets outputs, and its digital output 0 is
-    /// wired to its digital input 0.
-    #[arg(long)]
-    signals: bool,
-    /// Run the cases of a spindle too: the bridge sends the angle of spindle 0, which TURNS AT 300 RPM in
-    /// both directions.
-    #[arg(long)]
-    spindle: bool,
-    /// Run the case of a touch probe too: the FIRST AXIS MOVES in its positive direction, at 0.5 and at 3
-    /// mm/s, until the probe touches a surface 1 to 4 mm away, and about 1 mm beyond.
-    #[arg(long)]
-    probe: bool,
-    /// List the cases and their requirements.
-    #[arg(long)]
-    list: bool,
-    /// Print one JSON object.
-    #[arg(long)]
-    json: bool,
-    /// The command of the bridge.
-    #[arg(last = true, value_name = "COMMAND")]
-    command: Vec<String>,
-}
-
-#[derive(Args, Debug)]
 struct CoreArgs {
     #[arg(long)]
     machine_name: String,
@@ -198,7 +161,7 @@ pub(crate) fn run(
         BridgeCommand::Sim(args) => sim(args, out, err),
         BridgeCommand::Ethercat(args) => ethercat::run(args, out, err),
         BridgeCommand::Mesa(args) => mesa::run(args, out, err),
-        BridgeCommand::Test(args) => test(args, out, err),
+        BridgeCommand::Test(args) => bridge_test::run(args, out, err),
         BridgeCommand::Core(args) => run_core(&args.machine_name, &args.bus_prefix, args.seconds)
             .map(|()| Ending::Clean)
             .map_err(|error| CommandError::Failed(error.to_string())),
@@ -247,10 +210,6 @@ pub(crate) fn ending_of_bridge(
         "{hardware} did not come up within {seconds} s: {why}"
     ))?;
     Ok(Ending::Negative)
-}
-
-fn written(result: io::Result<()>) -> Result<(), CommandError> {
-    result.map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))
 }
 
 fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
@@ -528,156 +487,4 @@ fn index_pulses(homing: &HomingSettings) -> Option<SimIndex> {
         }),
         HomingMethod::Switch | HomingMethod::Absolute => None,
     }
-}
-
-/// The command under test; the simulated bridge if none is given.
-fn command_under_test(args: &TestArgs, program: Option<&Path>) -> Vec<String> {
-    let mut command = args.command.clone();
-    if command.is_empty()
-        && let Some(program) = program
-    {
-        command = [
-            "bridge",
-            "sim",
-            "--machine-name",
-            "{name}",
-            "--bus-prefix",
-            "{prefix}",
-            "--loopback",
-            "--probe",
-            SIMULATED_PROBE,
-        ]
-        .map(str::to_owned)
-        .to_vec();
-        command.insert(0, program.display().to_string());
-    }
-    command
-}
-
-fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
-    let exact = CASES.iter().any(|case| args.only.as_deref() == Some(case.name));
-    let wanted = |name: &str| match args.only.as_deref() {
-        None => true,
-        Some(word) if exact => name == word,
-        Some(word) => name.contains(word),
-    };
-    let cases: Vec<_> = CASES.iter().filter(|case| wanted(case.name)).collect();
-    if cases.is_empty() {
-        return Err(CommandError::Usage(
-            "no case has this name: see --list".to_owned(),
-        ));
-    }
-    if args.list {
-        for case in cases {
-            written(writeln!(out, "{:<16} {}", case.name, case.demand))?;
-        }
-        return Ok(Ending::Clean);
-    }
-    let program = std::env::current_exe().ok();
-    let mut process;
-    let mut thread;
-    let bridge: &mut dyn evolvent_bridge_test::BridgeUnderTest = if args.in_process {
-        thread = ThreadBridge::simulated();
-        &mut thread
-    } else {
-        process = ProcessBridge::new(command_under_test(args, program.as_deref()));
-        &mut process
-    };
-    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-    let seed = args
-        .seed
-        .unwrap_or_else(|| now.map_or(1, |since| since.as_nanos() as u64));
-    // The simulated bridge supports all of them.
-    let is_simulated = args.command.is_empty();
-    let parts: Vec<Part> = [
-        (Part::Signals, args.signals),
-        (Part::Spindle, args.spindle),
-        (Part::Probe, args.probe),
-    ]
-    .into_iter()
-    .filter_map(|(part, is_asked)| (is_asked || is_simulated).then_some(part))
-    .collect();
-    let mut stage = Stage {
-        bridge,
-        machine_name: "bridge-test".to_owned(),
-        prefix: format!("bt{}_", std::process::id()),
-        core_program: program,
-        seed: seed | 1,
-        moments: args.moments,
-        parts: &parts,
-        stop: stop_on_signals()?,
-    };
-    let mut results: Vec<Value> = Vec::new();
-    let (mut failed, mut unmeasured, mut stopped) = (0, 0, false);
-    for case in cases {
-        let begin = Instant::now();
-        let (verdict, why) = match run_case(case, &mut stage) {
-            Ok(Outcome::Passed) => ("passed", None),
-            Ok(Outcome::LeftOut(why)) => ("left out", Some(why)),
-            Ok(Outcome::NotMeasured(why)) => {
-                unmeasured += 1;
-                ("not measured", Some(why))
-            }
-            Ok(Outcome::Stopped) => {
-                stopped = true;
-                ("stopped", None)
-            }
-            Err(error) => {
-                failed += 1;
-                ("FAILED", Some(error.to_string()))
-            }
-        };
-        let seconds = begin.elapsed().as_secs_f64();
-        if args.json {
-            results.push(json!({
-                "case": case.name,
-                "demand": case.demand,
-                "verdict": verdict.to_lowercase(),
-                "why": why,
-                "seconds": seconds,
-            }));
-        } else {
-            written(writeln!(
-                out,
-                "{verdict:<12}  {:<16} {} ({seconds:.1} s)",
-                case.name, case.demand
-            ))?;
-            if let Some(why) = why {
-                written(writeln!(out, "              {why}"))?;
-            }
-        }
-        if stopped {
-            break;
-        }
-    }
-    if args.json {
-        written(writeln!(
-            out,
-            "{}",
-            json!({ "seed": seed, "failed": failed, "not_measured": unmeasured, "cases": results })
-        ))?;
-    }
-    if stopped {
-        written(writeln!(err, "stopped by a signal; the bridge has ended"))?;
-    }
-    if failed > 0 && !args.json {
-        written(writeln!(
-            err,
-            "{failed} failed; --seed {seed} repeats the random moments"
-        ))?;
-    }
-    if unmeasured > 0 {
-        written(writeln!(
-            err,
-            "{unmeasured} not measured: this host kept the bridge from running; test again while it is less \
-             busy"
-        ))?;
-    }
-    Ok(if failed > 0 || stopped {
-        Ending::Negative
-    } else if unmeasured > 0 {
-        Ending::Incomplete
-    } else {
-        Ending::Clean
-    })
 }

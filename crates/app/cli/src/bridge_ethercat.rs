@@ -1,20 +1,21 @@
 //! `evolvent bridge ethercat`: EtherCAT drives as the axes of a machine.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use evolvent_bus::BusError;
 use evolvent_config::{check_outputs, write_new};
 use evolvent_ethercat::{
-    BridgeError, DumpSettings, EsiLibrary, Network, RunError, RunSettings, ScanError, check_fit, fit_notes,
-    network_text, run as run_bridge, scan, scan_json, scan_text,
+    BridgeError, BridgeReport, DumpSettings, EsiLibrary, Network, RunError, RunSettings, ScanError,
+    check_fit, fit_notes, network_text, run as run_bridge, scan, scan_json, scan_text,
 };
 use evolvent_machine::Machine;
 use evolvent_path::AxisLetter;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::bridge::{duration_of, ending_of_bridge, stop_on_signals};
+use crate::output::written;
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent bridge ethercat`.
@@ -71,8 +72,6 @@ pub(crate) struct EthercatArgs {
 
 fn scan_wire(args: &EthercatArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let usage = CommandError::Usage;
-    let failed =
-        |error: std::io::Error| CommandError::Failed(format!("the report cannot be written: {error}"));
     let interface = args.interface.as_deref().unwrap_or_default();
     let letters: Vec<AxisLetter> = match &args.machine {
         Some(path) => {
@@ -98,9 +97,9 @@ fn scan_wire(args: &EthercatArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     })?;
     library.complete(&mut devices);
     if args.json {
-        writeln!(out, "{}", scan_json(&devices)).map_err(failed)?;
+        written(writeln!(out, "{}", scan_json(&devices)))?;
     } else {
-        write!(out, "{}", scan_text(&devices)).map_err(failed)?;
+        written(write!(out, "{}", scan_text(&devices)))?;
     }
     let Some(path) = &args.write else {
         return Ok(Ending::Clean);
@@ -116,12 +115,11 @@ fn scan_wire(args: &EthercatArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
             path.display()
         ))
     })?;
-    writeln!(
+    written(writeln!(
         err,
         "{}: check each [device.axis], then remove `unchecked`",
         path.display()
-    )
-    .map_err(failed)?;
+    ))?;
     Ok(Ending::Clean)
 }
 
@@ -130,9 +128,7 @@ pub(crate) fn run(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Ending, CommandError> {
-    let usage = |text: String| CommandError::Usage(text);
-    let failed =
-        |error: std::io::Error| CommandError::Failed(format!("the report cannot be written: {error}"));
+    let usage = CommandError::Usage;
     let (false, Some(machine_path), Some(network_path)) = (args.scan, &args.machine, &args.network) else {
         return scan_wire(args, out, err);
     };
@@ -143,41 +139,8 @@ pub(crate) fn run(
             (network_path.as_path(), "the network file"),
         ],
     )?;
-    let machine = Machine::load(machine_path).map_err(|error| usage(error.to_string()))?;
-    let network = Network::load(network_path).map_err(|error| usage(error.to_string()))?;
-    check_fit(&machine, &network).map_err(|error| usage(format!("{}: {error}", network_path.display())))?;
-    for note in fit_notes(&machine, &network) {
-        writeln!(err, "note: {note}")
-            .map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))?;
-    }
-    let interface = args
-        .interface
-        .clone()
-        .or_else(|| network.interface.clone())
-        .ok_or_else(|| {
-            usage(format!(
-                "{}: no interface is named: give --interface, or `interface` in the file",
-                network_path.display()
-            ))
-        })?;
-    let settings = RunSettings {
-        machine,
-        machine_name: args.machine_name.clone(),
-        network,
-        interface,
-        prefix: args.bus_prefix.clone(),
-        duration: duration_of(args.seconds)?,
-        dump: args.dump.as_ref().map(|path| DumpSettings {
-            path: path.clone(),
-            max_bytes: u64::from(args.dump_mib) << 20,
-        }),
-    };
+    let settings = settings_of(args, machine_path, network_path, err)?;
     let stop = stop_on_signals()?;
-    let name = settings
-        .machine_name
-        .as_ref()
-        .unwrap_or(&settings.machine.name)
-        .clone();
     let report = run_bridge(&settings, &stop, |text| {
         // If standard error is closed, nobody is left to inform.
         let _told = writeln!(err, "{text}");
@@ -190,50 +153,89 @@ pub(crate) fn run(
         error => CommandError::Failed(error.to_string()),
     })?;
     if args.json {
-        let object = json!({
-            "machine": name,
-            "connections": report.connections,
-            "sessions": report.sessions,
-            "ready": report.ready,
-            "cycles": report.cycles,
-            "lost_frames": report.lost_frames,
-            "short_frames": report.short_frames,
-            "recorded_frames": report.recorded_frames,
-            "unrecorded_frames": report.unrecorded_frames,
-            "clocks": report.clocks.map(|clocks| json!({
-                "readings": clocks.readings,
-                "max_difference_ns": clocks.max_difference_ns,
-                "max_difference_device": clocks.max_difference_device.map(|device| settings.name_of(device)),
-                "last_difference_ns": clocks.last_difference_ns,
-                "shift_ns": clocks.shift_ns,
-                "jitter_p50_ns": clocks.jitter_p50_ns,
-                "jitter_p999_ns": clocks.jitter_p999_ns,
-                "jitter_max_ns": clocks.jitter_max_ns,
-                "drift_ppm": clocks.drift_ppm,
-            })),
-        });
-        writeln!(out, "{object}").map_err(failed)?;
+        written(writeln!(out, "{}", report_json(&settings, &report)))?;
     } else {
-        writeln!(
-            err,
-            "{} cycles, {} frames lost, {} short",
-            report.cycles, report.lost_frames, report.short_frames
-        )
-        .map_err(failed)?;
-        if let Some(clocks) = &report.clocks {
-            writeln!(err, "{}", settings.clock_text(clocks)).map_err(failed)?;
-        }
-        if let Some(path) = &args.dump {
-            writeln!(
-                err,
-                "{}: {} frames recorded, {} omitted",
-                path.display(),
-                report.recorded_frames,
-                report.unrecorded_frames
-            )
-            .map_err(failed)?;
-        }
+        written(write!(err, "{}", report_text(&settings, &report)))?;
     }
     let reached = (report.connections, report.ready);
     ending_of_bridge(args.seconds, &stop, reached, "the network", err)
+}
+
+/// Reads the machine and network file, which must fit each other, and writes notes on how they do.
+fn settings_of(
+    args: &EthercatArgs,
+    machine_path: &Path,
+    network_path: &Path,
+    err: &mut dyn Write,
+) -> Result<RunSettings, CommandError> {
+    let usage = CommandError::Usage;
+    let machine = Machine::load(machine_path).map_err(|error| usage(error.to_string()))?;
+    let network = Network::load(network_path).map_err(|error| usage(error.to_string()))?;
+    check_fit(&machine, &network).map_err(|error| usage(format!("{}: {error}", network_path.display())))?;
+    for note in fit_notes(&machine, &network) {
+        written(writeln!(err, "note: {note}"))?;
+    }
+    let interface = args.interface.clone().or_else(|| network.interface.clone());
+    let interface = interface.ok_or_else(|| {
+        usage(format!(
+            "{}: no interface is named: give --interface, or `interface` in the file",
+            network_path.display()
+        ))
+    })?;
+    Ok(RunSettings {
+        machine,
+        machine_name: args.machine_name.clone(),
+        network,
+        interface,
+        prefix: args.bus_prefix.clone(),
+        duration: duration_of(args.seconds)?,
+        dump: args.dump.as_ref().map(|path| DumpSettings {
+            path: path.clone(),
+            max_bytes: u64::from(args.dump_mib) << 20,
+        }),
+    })
+}
+
+fn report_json(settings: &RunSettings, report: &BridgeReport) -> Value {
+    json!({
+        "machine": settings.machine_name.as_ref().unwrap_or(&settings.machine.name),
+        "connections": report.connections,
+        "sessions": report.sessions,
+        "ready": report.ready,
+        "cycles": report.cycles,
+        "lost_frames": report.lost_frames,
+        "short_frames": report.short_frames,
+        "recorded_frames": report.recorded_frames,
+        "unrecorded_frames": report.unrecorded_frames,
+        "clocks": report.clocks.map(|clocks| json!({
+            "readings": clocks.readings,
+            "max_difference_ns": clocks.max_difference_ns,
+            "max_difference_device": clocks.max_difference_device.map(|device| settings.name_of(device)),
+            "last_difference_ns": clocks.last_difference_ns,
+            "shift_ns": clocks.shift_ns,
+            "jitter_p50_ns": clocks.jitter_p50_ns,
+            "jitter_p999_ns": clocks.jitter_p999_ns,
+            "jitter_max_ns": clocks.jitter_max_ns,
+            "drift_ppm": clocks.drift_ppm,
+        })),
+    })
+}
+
+fn report_text(settings: &RunSettings, report: &BridgeReport) -> String {
+    let mut text = format!(
+        "{} cycles, {} frames lost, {} short\n",
+        report.cycles, report.lost_frames, report.short_frames
+    );
+    if let Some(clocks) = &report.clocks {
+        text += &format!("{}\n", settings.clock_text(clocks));
+    }
+    if let Some(dump) = &settings.dump {
+        text += &format!(
+            "{}: {} frames recorded, {} omitted\n",
+            dump.path.display(),
+            report.recorded_frames,
+            report.unrecorded_frames
+        );
+    }
+    text
 }

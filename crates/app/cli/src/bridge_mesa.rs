@@ -11,6 +11,7 @@ use evolvent_mesa::{BoardSettings, BridgeError, Link, RunSettings, check_fit, fi
 use serde_json::json;
 
 use crate::bridge::{duration_of, ending_of_bridge, stop_on_signals};
+use crate::output::written;
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent bridge mesa`.
@@ -50,15 +51,12 @@ fn describe(address: IpAddr, out: &mut dyn Write) -> Result<Ending, CommandError
     let board = Link::open(address)
         .and_then(|link| link.explore())
         .map_err(|error| CommandError::Failed(error.to_string()))?;
-    write!(out, "{}", board.text())
-        .map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))?;
+    written(write!(out, "{}", board.text()))?;
     Ok(Ending::Clean)
 }
 
 pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let usage = |text: String| CommandError::Usage(text);
-    let failed =
-        |error: std::io::Error| CommandError::Failed(format!("the report cannot be written: {error}"));
     if let Some(address) = args.describe {
         return describe(address, out);
     }
@@ -71,7 +69,7 @@ pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     let mut board = BoardSettings::load(board_path).map_err(|error| usage(error.to_string()))?;
     check_fit(&machine, &board).map_err(|error| usage(format!("{}: {error}", board_path.display())))?;
     for note in fit_notes(&machine, &board) {
-        writeln!(err, "note: {note}").map_err(failed)?;
+        written(writeln!(err, "note: {note}"))?;
     }
     board.address = args.address.unwrap_or(board.address);
     let settings = RunSettings {
@@ -107,14 +105,13 @@ pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
             "lost_writes": report.lost_writes,
             "stale_replies": report.stale_replies,
         });
-        writeln!(out, "{object}").map_err(failed)?;
+        written(writeln!(out, "{object}"))?;
     } else {
-        writeln!(
+        written(writeln!(
             err,
             "{} cycles, {} replies lost, {} writes lost, {} replies too late",
             report.cycles, report.lost_replies, report.lost_writes, report.stale_replies
-        )
-        .map_err(failed)?;
+        ))?;
     }
     let reached = (report.connections, report.ready);
     ending_of_bridge(args.seconds, &stop, reached, "the board", err)

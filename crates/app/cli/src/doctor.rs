@@ -9,6 +9,7 @@ use evolvent_runtime::{BareLoopError, DoctorReport, examine};
 use serde_json::{Value, json};
 
 use crate::finding_row::{FindingRow, write_advice, write_findings};
+use crate::output::written;
 use crate::{CommandError, doctor_network};
 
 /// Measure what this host can do for a real-time loop: scheduler, locked memory, timers, isolated cores, the
@@ -54,9 +55,6 @@ pub(crate) fn run(args: &DoctorArgs, out: &mut dyn Write, err: &mut dyn Write) -
         let measure = (args.rate, duration);
         return doctor_network::run(interface, args.board, measure, args.json, out, err);
     }
-    let written = |result: io::Result<()>| {
-        result.map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))
-    };
     written(writeln!(
         err,
         "measuring for {} s at {} Hz ...",

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use crate::CommandError;
 use crate::finding_row::{FindingRow, write_advice, write_findings};
+use crate::output::written;
 
 /// Maximum round trip as a fraction of the period. A bridge waits for 60 % of a period (Mesa boards) or 90 %
 /// (EtherCAT).
@@ -38,9 +39,6 @@ pub(crate) fn run(
             "the network interface `{interface}` cannot be examined: {error}; `ip link` lists the interfaces"
         ))
     })?;
-    let written = |result: io::Result<()>| {
-        result.map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))
-    };
     let period = Duration::from_secs_f64(1.0 / rate_hz);
     written(writeln!(
         err,

@@ -4,6 +4,7 @@ mod bore;
 mod bridge;
 mod bridge_ethercat;
 mod bridge_mesa;
+mod bridge_test;
 mod chatter;
 mod check;
 mod completions;

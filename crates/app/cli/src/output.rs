@@ -2,6 +2,8 @@
 
 use std::io::{ErrorKind, Result, Write};
 
+use crate::CommandError;
+
 /// Passes on the output. After the reader has closed it, the rest is dropped: this is not an error of the
 /// command, which continues to its end and has its own exit code.
 #[derive(Debug)]
@@ -30,6 +32,11 @@ impl<W: Write> Output<W> {
             result => result,
         }
     }
+}
+
+/// The error of a report that could not be written.
+pub(crate) fn written(result: Result<()>) -> core::result::Result<(), CommandError> {
+    result.map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))
 }
 
 impl<W: Write> Write for Output<W> {
