@@ -34,6 +34,7 @@ mod domain;
 mod drives;
 mod hardware_bridge;
 mod hole;
+pub mod job_result;
 mod lathe;
 mod launch;
 mod output_listener;

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 
 use evolvent_bus::ControlRequest;
 use evolvent_replay::verify;
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{
     Cycle, Domain, Drives, HOMING, Launch, Operator, Served, Workshop, command, cycles, unless_disturbed,
 };
 
-const DONE: u32 = 1;
 /// Lost motion of X, Y and Z, mm.
 const PLAY: [f64; 3] = [0.02, 0.03, 0.012];
 /// Drift of X per mm of Y.

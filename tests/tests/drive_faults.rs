@@ -7,9 +7,9 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use evolvent_replay::verify;
+use evolvent_tests::job_result::FAULT;
 use evolvent_tests::{Domain, Drives, Operator, Random, Served, Workshop, command, unless_disturbed};
 
-const FAULT: u32 = 4;
 /// Number of concurrent machines.
 const AT_ONCE: usize = 2;
 

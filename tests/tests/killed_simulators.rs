@@ -14,12 +14,11 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use evolvent_ethercat_ring::{MAIN_INTERFACE, on_bench};
+use evolvent_tests::job_result::{DONE, FAULT};
 use evolvent_tests::{
     Domain, HardwareBridge, Operator, Served, Simulator, Workshop, command, repository, unless_disturbed,
 };
 
-const DONE: u32 = 1;
-const FAULT: u32 = 4;
 /// Maximum age of feedback for the core: busy hosts delay bridge and simulator.
 const TIMEOUT_MS: u64 = 400;
 /// Additional time for the core, its status and this test.

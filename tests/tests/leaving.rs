@@ -3,14 +3,13 @@
 use std::time::Duration;
 
 use evolvent_bus::{ControlRequest, Status};
+use evolvent_tests::job_result::{DONE, FAULT, STOPPED};
 use evolvent_tests::{Cycle, command, unless_disturbed};
 
-use crate::shop::{AUTO, DONE, HELD, Shop, is_away, jog, jogs, keeps_limits};
+use crate::shop::{AUTO, HELD, Shop, is_away, jog, jogs, keeps_limits};
 
 const MDI: u32 = 2;
 const PROGRAM: u32 = 1;
-const STOPPED: u32 = 2;
-const FAULT: u32 = 4;
 const X: u32 = 1;
 const Z: u32 = 4;
 const MOVING: u32 = 921;

@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use evolvent_bus::{ControlRequest, Status};
 use evolvent_random::{Random, cases};
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{Cycle, Drives, Operator, command, unless_disturbed};
 
-use crate::shop::{AUTO, DONE, FOLLOWS, HELD, STEERS, Shop, is_away, jog, keeps_limits};
+use crate::shop::{AUTO, FOLLOWS, HELD, STEERS, Shop, is_away, jog, keeps_limits};
 
 /// Radius of the circle of the random campaign, mm, and its number of lines.
 const RADIUS: f64 = 30.0;

@@ -5,10 +5,9 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{ClientConfig, ControlClient};
+use evolvent_tests::job_result::STOPPED;
 use evolvent_tests::{Finished, Operator, Scene, evolvent, speed, unless_disturbed, wait};
 use rustix::process::{Pid, Signal, kill_process};
-
-const STOPPED: u32 = 2;
 
 /// `evolvent ctl` for the machine of a scene.
 fn ctl(scene: &Scene, words: &[&str]) -> std::process::Command {

@@ -4,9 +4,8 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use evolvent_bus::ControlRequest;
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{Operator, Scene, command, speed, unless_disturbed};
-
-const DONE: u32 = 1;
 
 #[test]
 fn rejected_commands_have_a_number_and_change_nothing() {

@@ -6,10 +6,9 @@ use std::time::{Duration, Instant};
 
 use evolvent_bus::ControlRequest;
 use evolvent_runtime::MonotonicClock;
+use evolvent_tests::job_result::{DONE, STOPPED};
 use evolvent_tests::{Operator, Scene, command, evolvent, unless_disturbed};
 
-const DONE: u32 = 1;
-const STOPPED: u32 = 2;
 const X_ONLY: u32 = 1;
 /// Number of attempts at a jog that a slow host may end early.
 const TRIALS: usize = 20;

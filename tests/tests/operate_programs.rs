@@ -7,10 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use evolvent_bus::{ClientBus, ClientConfig, ControlRequest, Setpoint};
+use evolvent_tests::job_result::{DONE, STOPPED};
 use evolvent_tests::{Operator, Scene, command, speed, unless_disturbed};
 
-const DONE: u32 = 1;
-const STOPPED: u32 = 2;
 const X_ONLY: u32 = 1;
 
 /// Measurements of a reader of every setpoint: differences of the published positions of all axes.

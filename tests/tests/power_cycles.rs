@@ -7,13 +7,13 @@ use std::time::Duration;
 
 use evolvent_bus::{ControlRequest, Status};
 use evolvent_runtime::MonotonicClock;
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{
     Domain, Drives, HardwareBridge, Lathe, MesaLathe, Operator, Random, RingLathe, Served, Workshop, command,
     where_undisturbed,
 };
 
 const ON: u32 = 2;
-const DONE: u32 = 1;
 const TIMES: u32 = 50;
 /// A bridge that is suspended for ten periods brakes on its own, as it must: a pause of three quarters of
 /// that explains it.

@@ -5,10 +5,9 @@ use std::path::PathBuf;
 
 use evolvent_bus::{ControlRequest, switches};
 use evolvent_replay::verify;
+use evolvent_tests::job_result::{DONE, FAILED};
 use evolvent_tests::{Domain, Drives, Operator, Served, Workshop, command, repository, unless_disturbed};
 
-const DONE: u32 = 1;
-const FAILED: u32 = 3;
 const BAD_PROGRAM: u32 = 923;
 const BEYOND_TRAVEL: u32 = 919;
 

@@ -19,20 +19,20 @@ use std::time::{Duration, Instant};
 use evolvent_bus::{Status, switches};
 use evolvent_random::{cases, seed, seed_of_time};
 use evolvent_replay::verify;
+use evolvent_tests::job_result::{DONE, FAILED, FAULT, STOPPED};
 use evolvent_tests::{Cycle, Domain, Drives, Operator, Served, Workshop, command, unless_disturbed};
 use evolvent_trace::TraceFile;
 
 mod case;
+mod trouble;
 
-use self::case::{Case, Trouble};
-use crate::shop::{AUTO, DONE, HELD, Shop, keeps_limits};
+use self::case::Case;
+pub(crate) use self::trouble::Trouble;
+use crate::shop::{AUTO, HELD, Shop, keeps_limits};
 
 /// Cases of a run without `EVOLVENT_CASES`, and machines beside each other.
 const USUAL_CASES: usize = 6;
 const AT_ONCE: usize = 2;
-const STOPPED: u32 = 2;
-const FAILED: u32 = 3;
-const FAULT: u32 = 4;
 const MANUAL: u32 = 1;
 const MDI: u32 = 2;
 /// X, Y, Z.
@@ -43,7 +43,7 @@ const STOP_CYCLES: u64 = 250;
 /// Maximum number of cycles from the reply to a command to the cycle that executes it, on a busy host.
 const ORDER_CYCLES: u64 = 50;
 /// Longer than any program with all its timeouts.
-const LONGEST: Duration = Duration::from_secs(90);
+pub(crate) const LONGEST: Duration = Duration::from_secs(90);
 
 const EXTRA: &str = "
 [program]
@@ -121,7 +121,7 @@ fn shop(case: &Case) -> Shop {
     }
 }
 
-fn rests(status: &Status) -> bool {
+pub(crate) fn rests(status: &Status) -> bool {
     status.velocity.iter().all(|v| *v == 0.0)
 }
 
@@ -224,7 +224,7 @@ impl Plant {
             // A fault of the bridge may come before the start.
             let status = self.operator.now();
             assert!(
-                matches!(self.case.trouble, Trouble::Bridge(..)) && status.alarm_count > 0,
+                self.case.trouble.is_of_bridge() && status.alarm_count > 0,
                 "{}",
                 answer.text()
             );
@@ -407,8 +407,7 @@ fn play(case: &Case) -> String {
         stops: Vec::new(),
     };
     plant.start_drives(&case.options());
-    let trouble_comes_first = matches!(case.trouble, Trouble::Bridge(..));
-    if trouble_comes_first {
+    if case.trouble.is_of_bridge() {
         plant.operator.says("ESTOP_RESET");
         plant.operator.says("ON");
         plant.operator.waits("power", |status| {

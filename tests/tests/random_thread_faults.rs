@@ -15,32 +15,18 @@ use evolvent_bus::Status;
 use evolvent_machine::Machine;
 use evolvent_random::{Random, cases, seed, seed_of_time};
 use evolvent_replay::verify;
+use evolvent_tests::job_result::{DONE, FAILED, FAULT, STOPPED};
 use evolvent_tests::{Cycle, Domain, Drives, Operator, Served, Workshop, command, unless_disturbed};
 use evolvent_trace::TraceFile;
 
-use crate::random_faults::recovers;
-use crate::shop::{AUTO, DONE, HELD, Shop, keeps_limits};
+use crate::random_faults::{LONGEST, Trouble, recovers, rests};
+use crate::shop::{AUTO, HELD, Shop, keeps_limits};
 
 /// Cases of a run without `EVOLVENT_CASES`.
 const USUAL_CASES: usize = 4;
-const STOPPED: u32 = 2;
-const FAILED: u32 = 3;
-const FAULT: u32 = 4;
 /// X and Z.
 const LATHE: u32 = 0b101;
-/// Longer than any program with all its timeouts.
-const LONGEST: Duration = Duration::from_secs(90);
 const SPINDLE: &str = "[[spindle]]\nmax_rpm = 4000\nfeedback = true\nat_speed_timeout_s = 4\n";
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Trouble {
-    Nothing,
-    Hold,
-    Stop,
-    EmergencyStop,
-    /// A fault of `bridge sim`, the alarms that may name it, and a word of the sentence.
-    Bridge(&'static str, &'static [u32], &'static str),
-}
 
 const TROUBLES: [Trouble; 12] = [
     Trouble::Nothing,
@@ -49,12 +35,12 @@ const TROUBLES: [Trouble; 12] = [
     Trouble::Stop,
     Trouble::Stop,
     Trouble::EmergencyStop,
-    Trouble::Bridge("spindle-fault", &[440, 100], "spindle"),
-    Trouble::Bridge("spindle-silent", &[440, 100], "spindle"),
-    Trouble::Bridge("spindle-stall", &[440, 100], "spindle"),
-    Trouble::Bridge("spindle-slow", &[440, 100], "spindle"),
-    Trouble::Bridge("silent", &[401], ""),
-    Trouble::Bridge("fault:Z", &[406], "Z"),
+    Trouble::Bridge("spindle-fault", &[440, 100]),
+    Trouble::Bridge("spindle-silent", &[440, 100]),
+    Trouble::Bridge("spindle-stall", &[440, 100]),
+    Trouble::Bridge("spindle-slow", &[440, 100]),
+    Trouble::Bridge("silent", &[401]),
+    Trouble::Bridge("fault:Z", &[406]),
 ];
 
 /// A program and its fault.
@@ -115,21 +101,11 @@ impl Case {
         .into_iter()
         .flat_map(|(name, value)| [name.to_owned(), format!("{value:.3}")])
         .collect();
-        if let Trouble::Bridge(name, ..) = self.trouble
-            && !is_healthy
-        {
-            let (kind, axis) = name
-                .split_once(':')
-                .map_or((name, String::new()), |(kind, axis)| (kind, format!(":{axis}")));
-            options.push("--fault".to_owned());
-            options.push(format!("{kind}@{:.3}{axis}", 0.5 + self.moment_s));
+        if !is_healthy {
+            options.extend(self.trouble.fault_options(self.moment_s));
         }
         options
     }
-}
-
-fn rests(status: &Status) -> bool {
-    status.velocity.iter().all(|v| *v == 0.0)
 }
 
 fn drives(shop: &Shop, operator: &mut Operator, options: &[String]) -> Drives {
@@ -148,7 +124,7 @@ fn runs(shop: &Shop, operator: &mut Operator, text: &str, case: Option<&Case>) -
     let answer = operator.request(&command("START"));
     if answer.verdict != 0 {
         // A fault of the bridge may come before the start.
-        let is_of_bridge = case.is_some_and(|case| matches!(case.trouble, Trouble::Bridge(..)));
+        let is_of_bridge = case.is_some_and(|case| case.trouble.is_of_bridge());
         assert!(
             is_of_bridge && operator.now().alarm_count > 0,
             "{}",
@@ -157,7 +133,7 @@ fn runs(shop: &Shop, operator: &mut Operator, text: &str, case: Option<&Case>) -
         return None;
     }
     let begin = Instant::now();
-    let mut due = case.filter(|case| !matches!(case.trouble, Trouble::Bridge(..)));
+    let mut due = case.filter(|case| !case.trouble.is_of_bridge());
     loop {
         let status = operator.waits("a status", |_| true);
         if status.job == answer.job && status.job_result != 0 {
@@ -175,7 +151,7 @@ fn runs(shop: &Shop, operator: &mut Operator, text: &str, case: Option<&Case>) -
                 }
                 Trouble::Stop => drop(operator.request(&command("STOP"))),
                 Trouble::EmergencyStop => drop(operator.request(&command("ESTOP"))),
-                Trouble::Nothing | Trouble::Bridge(..) => {}
+                _ => {}
             }
             continue;
         }
@@ -202,8 +178,10 @@ fn judges(case: &Case, operator: &mut Operator, ended: Option<Status>) -> u32 {
         Trouble::Nothing | Trouble::Hold => assert_eq!(result, DONE, "{alarms:?}: {sentence}"),
         Trouble::Stop => assert!([DONE, STOPPED].contains(&result), "{result}: {sentence}"),
         Trouble::EmergencyStop => assert_ne!(result, FAILED, "{sentence}"),
-        Trouble::Bridge(_, permitted, word) => {
-            let named = alarms.iter().any(|alarm| permitted.contains(alarm)) && sentence.contains(word);
+        trouble => {
+            let permitted = trouble.alarms();
+            let named =
+                alarms.iter().any(|alarm| permitted.contains(alarm)) && sentence.contains(trouble.word());
             assert!(
                 result == DONE || [FAILED, FAULT].contains(&result) && named,
                 "result {result}, alarms {alarms:?}: {sentence}"
@@ -247,7 +225,7 @@ fn play(case: &Case) -> String {
     let served = Served::start(&shop.machine, shop.name, &shop.domain, &state, &["--trace", &to]);
     let mut operator = Operator::join(shop.name, &shop.domain);
     let first = drives(&shop, &mut operator, &case.options(false));
-    if matches!(case.trouble, Trouble::Bridge(..)) {
+    if case.trouble.is_of_bridge() {
         operator.says("ESTOP_RESET");
         operator.says("ON");
         operator.waits("power", |status| {

@@ -11,10 +11,10 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use evolvent_runtime::MonotonicClock;
+use evolvent_tests::job_result::STOPPED;
 use evolvent_tests::{Operator, Scene, cycles, python, unless_disturbed, watched};
 use rustix::process::{Pid, Signal, kill_process};
 
-const STOPPED: u32 = 2;
 /// Number of undisturbed trials, each of which must stop in time; `EVOLVENT_JOGS` sets more.
 const COUNTED: usize = 5;
 /// Number of attempts at a jog that a slow host may end early or delay.

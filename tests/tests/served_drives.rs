@@ -5,10 +5,8 @@ use std::path::PathBuf;
 
 use evolvent_bus::ControlRequest;
 use evolvent_runtime::MonotonicClock;
+use evolvent_tests::job_result::{DONE, FAULT};
 use evolvent_tests::{Domain, Drives, HOMING, Operator, Served, Workshop, command, unless_disturbed};
-
-const DONE: u32 = 1;
-const FAULT: u32 = 4;
 
 struct Scene {
     workshop: Workshop,

@@ -6,10 +6,9 @@ use std::time::{Duration, Instant};
 
 use evolvent_inspect::write_report;
 use evolvent_replay::verify;
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{Operator, Scene, unless_disturbed};
 use evolvent_trace::TraceFile;
-
-const DONE: u32 = 1;
 
 /// Complete traces in a folder, in order of their start.
 fn traces(folder: &Path) -> Vec<PathBuf> {

@@ -10,13 +10,12 @@ use std::time::{Duration, Instant};
 use evolvent_bus::{ControlRequest, MachineInputs, MachineOutputs, switches};
 use evolvent_replay::verify;
 use evolvent_runtime::MonotonicClock;
+use evolvent_tests::job_result::{DONE, FAULT};
 use evolvent_tests::{
     Domain, Finished, Operator, Served, Workshop, command, evolvent, python, speed, unless_disturbed, wait,
 };
 use evolvent_trace::{EventKind, TraceFile};
 
-const DONE: u32 = 1;
-const FAULT: u32 = 4;
 const ESTOP: u32 = 0;
 const CHAIN: u64 = 1 << 5;
 const READY: u64 = 1 << 2;

@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use evolvent_bus::MachineOutputs;
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{Domain, Drives, Operator, OutputListener, Served, Workshop, unless_disturbed};
 
-const DONE: u32 = 1;
 const AUTO: u32 = 0;
 const MDI: u32 = 2;
 /// A busy host may be slow.

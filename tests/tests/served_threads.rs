@@ -4,9 +4,9 @@
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{ControlRequest, MachineOutputs};
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{Domain, Drives, Operator, OutputListener, Served, Workshop, command, unless_disturbed};
 
-const DONE: u32 = 1;
 /// A busy host may be slow.
 const PATIENCE: Duration = Duration::from_secs(60);
 

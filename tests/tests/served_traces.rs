@@ -11,10 +11,9 @@ use std::time::Duration;
 use evolvent_bus::ControlRequest;
 use evolvent_inspect::write_report;
 use evolvent_replay::{Verified, verify};
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{Domain, Drives, HOMING, Operator, Served, Workshop, command, unless_disturbed};
 use evolvent_trace::{CycleRecord, EventKind, Recorder, TraceFile, TraceMessage, inputs};
-
-const DONE: u32 = 1;
 
 const PROGRAM: &str = "\
 G17 G21 G90 G94 G64 P0.02 F6000

@@ -11,11 +11,11 @@ use std::sync::atomic::{AtomicU8, Ordering};
 use evolvent_bus::ControlRequest;
 use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SubDevice, TerminalKind, on_bench};
 use evolvent_mesa_board::{Board, BoardModel, BoardServer, Switch, now_ns};
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{
     Domain, HardwareBridge, Operator, Served, Workshop, command, repository, run, unless_disturbed,
 };
 
-const DONE: u32 = 1;
 /// Machines with their networks; and machines with their boards, the model of the simulator, and its
 /// switches.
 const NETWORKS: [(&str, &str); 2] = [("mill-ethercat", "sim-mill"), ("lathe-ethercat", "sim-lathe")];

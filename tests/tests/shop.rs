@@ -10,7 +10,6 @@ use evolvent_tests::{Cycle, Domain, Drives, Operator, Served, Workshop, command,
 
 pub(crate) const AUTO: u32 = 0;
 pub(crate) const HELD: u32 = 3;
-pub(crate) const DONE: u32 = 1;
 /// Bits of `inputs` in a trace.
 pub(crate) const FOLLOWS: u32 = 128;
 pub(crate) const STEERS: u32 = 256;

@@ -3,13 +3,13 @@
 use std::process::{Child, Command, Stdio};
 
 use evolvent_bus::ControlRequest;
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{
     Domain, Finished, Operator, Served, Workshop, c_example, command, evolvent, unless_disturbed,
 };
 use serde_json::{Value, json};
 
 const MDI: u32 = 2;
-const DONE: u32 = 1;
 
 const SIGNALS: &str = "
 [signals]

@@ -4,6 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
+use evolvent_tests::job_result::{DONE, FAULT};
 use evolvent_tests::{
     Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, cycles, unless_disturbed, verifies,
 };
@@ -12,8 +13,6 @@ use evolvent_trace::{EventKind, TraceFile};
 /// The number of the state of spindle 0 in a trace, after 64 digital and 16 analog inputs.
 const SPINDLE: u32 = 80;
 const SPINDLE_ALARM: u32 = 440;
-const DONE: u32 = 1;
-const FAULT: u32 = 4;
 
 /// A mill with a measured spindle. A bridge on a busy host may be silent for a while.
 fn machine(workshop: &Workshop, name: &str, timeout_s: f64) -> PathBuf {

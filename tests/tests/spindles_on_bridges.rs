@@ -15,13 +15,13 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use evolvent_bus::{ControlRequest, Status};
+use evolvent_tests::job_result::DONE;
 use evolvent_tests::{
     Cycle, Domain, HardwareBridge, Lathe, MesaLathe, Operator, RingLathe, Served, ShippedLathe, Sight,
     Trouble, Workshop, command, cycles, verifies, where_undisturbed,
 };
 
 const SPINDLE_ALARM: u32 = 440;
-const DONE: u32 = 1;
 const NAME: &str = "spun-lathe";
 /// Lead of setpoints in periods: the angle is predicted over it, so a thread needs a short one; a busy host
 /// needs a long one.

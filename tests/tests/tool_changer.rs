@@ -6,11 +6,9 @@ use std::path::PathBuf;
 
 use evolvent_bus::{ControlRequest, Status, switches};
 use evolvent_replay::verify;
+use evolvent_tests::job_result::{DONE, FAILED, STOPPED};
 use evolvent_tests::{Domain, Drives, Operator, Served, Workshop, command, unless_disturbed};
 
-const DONE: u32 = 1;
-const STOPPED: u32 = 2;
-const FAILED: u32 = 3;
 /// Alarms.
 const PROGRAM: u32 = 100;
 const CHANGE_BROKEN_OFF: u32 = 103;

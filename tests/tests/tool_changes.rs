@@ -10,12 +10,10 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use evolvent_bus::Status;
+use evolvent_tests::job_result::{DONE, STOPPED};
 use evolvent_tests::{
     Domain, Launch, Operator, Scene, Workshop, command, evolvent, repository, unless_disturbed,
 };
-
-const DONE: u32 = 1;
-const STOPPED: u32 = 2;
 
 /// A mill with more program settings in its machine file.
 fn mill(workshop: &Workshop, name: &str, program: &str) -> PathBuf {

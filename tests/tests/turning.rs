@@ -6,6 +6,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{Setpoint, Status};
+use evolvent_tests::job_result::{DONE, FAULT};
 use evolvent_tests::{
     Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, cycles, evolvent, repository, run,
     unless_disturbed,
@@ -13,9 +14,6 @@ use evolvent_tests::{
 
 /// Bit of `inputs` in the trace: a cutting load has arrived.
 const LOAD_CAME: u32 = 32;
-/// Job results: done, and with a fault.
-const DONE: u32 = 1;
-const FAULT: u32 = 4;
 /// At rest in a hold.
 const HELD: u32 = 3;
 

@@ -5,12 +5,11 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use evolvent_tests::job_result::{DONE, FAILED};
 use evolvent_tests::{Domain, Finished, Launch, Operator, Served, Workshop, command, unless_disturbed};
 
 /// Moves 30 mm along X, calls M101, and returns.
 const PROGRAM: &str = "G21 G90 F6000\nG1 X30\nM101 P2.5 Q-3\nG1 X0\nM2\n";
-const FAILED: u32 = 3;
-const DONE: u32 = 1;
 /// Longer than any command takes that ends on its own, s.
 const PATIENCE_S: u32 = 60;
 

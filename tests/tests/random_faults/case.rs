@@ -4,33 +4,11 @@ use std::fmt::Write as _;
 
 use evolvent_random::Random;
 
+use super::trouble::Trouble;
+
 /// Alarms that may accompany any other: a tool change that was broken off, and axes that must be homed.
 const CHANGE_BROKEN_OFF: u32 = 103;
 const ZERO_MAY_HAVE_MOVED: u32 = 418;
-
-/// The fault of a case.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Trouble {
-    Nothing,
-    /// A hold, then a resume.
-    Hold,
-    Stop,
-    EmergencyStop,
-    /// The probe makes contact much earlier than expected.
-    ProbeEarly,
-    /// The probe is tripped before it moves.
-    ProbeTripped,
-    /// The probe never trips.
-    ProbeStuck,
-    /// The bridge stops reporting the probe.
-    ProbeLost,
-    /// The signal of the tool changer does not come, or the operator does not confirm the tool.
-    ChangerSilent,
-    /// A fault of `bridge sim`, and the alarms that may name it.
-    Bridge(&'static str, &'static [u32]),
-    /// SIGKILL to the bridge; then another bridge.
-    BridgeKilled,
-}
 
 const TROUBLES: [Trouble; 22] = [
     Trouble::Nothing,
@@ -56,33 +34,6 @@ const TROUBLES: [Trouble; 22] = [
     Trouble::BridgeKilled,
     Trouble::BridgeKilled,
 ];
-
-impl Trouble {
-    /// The alarms that may name the fault.
-    pub(super) fn alarms(self) -> &'static [u32] {
-        match self {
-            Self::Nothing | Self::Hold | Self::Stop | Self::EmergencyStop | Self::ProbeEarly => &[],
-            Self::ProbeTripped | Self::ProbeStuck | Self::ProbeLost | Self::ChangerSilent => &[100],
-            Self::Bridge(_, alarms) => alarms,
-            // Silence, another bridge under power, or drives without power.
-            Self::BridgeKilled => &[401, 405, 407, 408, 412, 413],
-        }
-    }
-
-    /// A word that the alarm's sentence contains.
-    pub(super) fn word(self) -> &'static str {
-        match self {
-            Self::ProbeTripped => "tripped",
-            Self::ProbeStuck => "without contact",
-            Self::ProbeLost => "probe",
-            Self::ChangerSilent => "drawbar",
-            Self::Bridge(name, _) if name.starts_with("spindle") => "spindle",
-            Self::Bridge("fault:Y", _) => "Y",
-            Self::Bridge("off:X" | "jump:X", _) => "X",
-            _ => "",
-        }
-    }
-}
 
 /// A program and its fault.
 #[derive(Clone, Debug)]
@@ -213,13 +164,7 @@ impl Case {
         if self.trouble != Trouble::ChangerSilent {
             options.push("--loopback".to_owned());
         }
-        if let Trouble::Bridge(name, _) = self.trouble {
-            let (kind, axis) = name
-                .split_once(':')
-                .map_or((name, String::new()), |(kind, axis)| (kind, format!(":{axis}")));
-            options.push("--fault".to_owned());
-            options.push(format!("{kind}@{:.3}{axis}", 0.5 + self.moment_s));
-        }
+        options.extend(self.trouble.fault_options(self.moment_s));
         options
     }
 
