@@ -58,6 +58,7 @@
 //! session's thread has real-time priority. Both threads give up the capabilities, files and system calls
 //! that they do not need, so sockets that need rights are opened before.
 
+mod axis_letter;
 mod bridge;
 mod bus_side;
 mod clock;
@@ -70,6 +71,7 @@ mod privileges;
 mod round_trips;
 mod spindle_file;
 
+pub use axis_letter::axis_letter;
 pub use bridge::{BridgeError, BridgeRuns, BridgeSettings, Hardware, run_bridge};
 pub use clock::monotonic_ns;
 pub use confinement::confine_writer;

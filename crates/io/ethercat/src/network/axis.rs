@@ -1,8 +1,7 @@
 //! The axis of a device in the network file: what its motor turns, and the second drive of a gantry.
 
-use evolvent_bridge::GantryFile;
+use evolvent_bridge::{GantryFile, axis_letter};
 use evolvent_config::{ConfigDocument, ConfigError};
-use evolvent_path::AxisLetter;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -81,7 +80,7 @@ pub(super) const fn direct() -> [u32; 2] {
 impl AxisFile {
     pub(super) fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<NetworkAxis, ConfigError> {
         let at = |name: &str| format!("{key}.{name}");
-        let letter = self.check_letter(sheet, &at("letter"))?;
+        let letter = axis_letter(sheet, &at("letter"), &self.letter)?;
         let turn = self.check_turn(sheet, key, letter.is_rotary())?;
         let scale = Scale::new(self.increments_per_turn, self.gear, turn).map_err(|error| {
             sheet.error(
@@ -178,18 +177,6 @@ impl AxisFile {
                 key,
                 format!("{other} is not a touch probe: drives have the touch probes 1 and 2"),
                 "give 1 for 60BAh, or 2 for 60BCh",
-            )),
-        }
-    }
-
-    fn check_letter(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<AxisLetter, ConfigError> {
-        let mut letters = self.letter.chars();
-        match (letters.next().and_then(AxisLetter::from_letter), letters.next()) {
-            (Some(letter), None) => Ok(letter),
-            _ => Err(sheet.error(
-                key,
-                format!("`{}` is not an axis", self.letter),
-                "give one of X Y Z A B C U V W",
             )),
         }
     }

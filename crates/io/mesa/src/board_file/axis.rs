@@ -1,8 +1,7 @@
 //! An axis of the board file: a step generator, or an encoder and a PWM generator.
 
-use evolvent_bridge::GantryFile;
+use evolvent_bridge::{GantryFile, axis_letter};
 use evolvent_config::{ConfigDocument, ConfigError};
-use evolvent_path::AxisLetter;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -106,73 +105,10 @@ impl AxisFile {
 
     fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<BoardAxis, ConfigError> {
         let at = |name: &str| format!("{key}.{name}");
-        let mut letters = self.letter.chars();
-        let letter = match (letters.next().and_then(AxisLetter::from_letter), letters.next()) {
-            (Some(letter), None) => letter,
-            _ => {
-                return Err(sheet.error(
-                    &at("letter"),
-                    format!("`{}` is not an axis", self.letter),
-                    "give one of X Y Z A B C U V W",
-                ));
-            }
-        };
-        let missing =
-            |name: &str, of: &str| sheet.error(key, format!("{of} needs {name}"), format!("give {name}"));
+        let letter = axis_letter(sheet, &at("letter"), &self.letter)?;
         let (actuator, per_unit) = match (self.stepgen, self.encoder) {
-            (Some(unit), None) => {
-                sheet.number(&at("stepgen"), f64::from(unit), 0.0, MAX_UNITS)?;
-                let per_unit = self
-                    .steps
-                    .ok_or_else(|| missing("steps_per_unit", "a step generator"))?;
-                sheet.number(&at("steps_per_unit"), per_unit, 1e-3, 1e7)?;
-                let time = |name: &str, value: Option<f64>| {
-                    let value = value.ok_or_else(|| missing(name, "a step generator"))?;
-                    sheet.number(&at(name), value, 20.0, MAX_TIME_NS)?;
-                    Ok::<_, ConfigError>(value)
-                };
-                let timing = StepTiming {
-                    length_ns: time("step_length_ns", self.step_length_ns)?,
-                    space_ns: time("step_space_ns", self.step_space_ns)?,
-                    setup_ns: time("direction_setup_ns", self.direction_setup_ns)?,
-                    hold_ns: time("direction_hold_ns", self.direction_hold_ns)?,
-                };
-                if self.index_inverted {
-                    return Err(sheet.error(
-                        &at("index_inverted"),
-                        "a step generator has no index pulse".to_owned(),
-                        "remove index_inverted",
-                    ));
-                }
-                let unit = unit as usize;
-                (Actuator::Steps { unit, timing }, per_unit)
-            }
-            (None, Some(encoder)) => {
-                sheet.number(&at("encoder"), f64::from(encoder), 0.0, MAX_UNITS)?;
-                let needed = |name: &str, value: Option<f64>, least: f64, most: f64| {
-                    let value = value.ok_or_else(|| missing(name, "an encoder"))?;
-                    sheet.number(&at(name), value, least, most)?;
-                    Ok::<_, ConfigError>(value)
-                };
-                let per_unit = needed("counts_per_unit", self.counts, 1e-3, 1e7)?;
-                let pwm = needed("pwm", self.pwm.map(f64::from), 0.0, MAX_UNITS)? as usize;
-                let full_velocity = needed("full_velocity", self.full_velocity, 1e-3, 1e6)?;
-                let p = needed("p_gain", self.p_gain, 0.1, 1e4)?;
-                sheet.number(&at("i_gain"), self.i_gain, 0.0, 1e6)?;
-                sheet.number(&at("d_gain"), self.d_gain, 0.0, 10.0)?;
-                let servo = Actuator::Servo {
-                    encoder: encoder as usize,
-                    index_rising: !self.index_inverted,
-                    pwm,
-                    full_velocity,
-                    gains: Gains {
-                        p,
-                        i: self.i_gain,
-                        d: self.d_gain,
-                    },
-                };
-                (servo, per_unit)
-            }
+            (Some(unit), None) => self.check_steps(sheet, key, unit)?,
+            (None, Some(encoder)) => self.check_servo(sheet, key, encoder)?,
             _ => {
                 return Err(sheet.error(
                     key,
@@ -201,6 +137,81 @@ impl AxisFile {
                 None => None,
             },
         })
+    }
+
+    /// A step generator, and its steps per unit.
+    fn check_steps(
+        &self,
+        sheet: &ConfigDocument<'_>,
+        key: &str,
+        unit: u32,
+    ) -> Result<(Actuator, f64), ConfigError> {
+        let at = |name: &str| format!("{key}.{name}");
+        sheet.number(&at("stepgen"), f64::from(unit), 0.0, MAX_UNITS)?;
+        let needed = |name: &str, value: Option<f64>, least: f64, most: f64| {
+            let value = value.ok_or_else(|| {
+                sheet.error(
+                    key,
+                    format!("a step generator needs {name}"),
+                    format!("give {name}"),
+                )
+            })?;
+            sheet.number(&at(name), value, least, most)?;
+            Ok::<_, ConfigError>(value)
+        };
+        let per_unit = needed("steps_per_unit", self.steps, 1e-3, 1e7)?;
+        let time = |name: &str, value: Option<f64>| needed(name, value, 20.0, MAX_TIME_NS);
+        let timing = StepTiming {
+            length_ns: time("step_length_ns", self.step_length_ns)?,
+            space_ns: time("step_space_ns", self.step_space_ns)?,
+            setup_ns: time("direction_setup_ns", self.direction_setup_ns)?,
+            hold_ns: time("direction_hold_ns", self.direction_hold_ns)?,
+        };
+        if self.index_inverted {
+            return Err(sheet.error(
+                &at("index_inverted"),
+                "a step generator has no index pulse".to_owned(),
+                "remove index_inverted",
+            ));
+        }
+        let unit = unit as usize;
+        Ok((Actuator::Steps { unit, timing }, per_unit))
+    }
+
+    /// An analog servo, and the counts per unit of its encoder.
+    fn check_servo(
+        &self,
+        sheet: &ConfigDocument<'_>,
+        key: &str,
+        encoder: u32,
+    ) -> Result<(Actuator, f64), ConfigError> {
+        let at = |name: &str| format!("{key}.{name}");
+        sheet.number(&at("encoder"), f64::from(encoder), 0.0, MAX_UNITS)?;
+        let needed = |name: &str, value: Option<f64>, least: f64, most: f64| {
+            let value = value.ok_or_else(|| {
+                sheet.error(key, format!("an encoder needs {name}"), format!("give {name}"))
+            })?;
+            sheet.number(&at(name), value, least, most)?;
+            Ok::<_, ConfigError>(value)
+        };
+        let per_unit = needed("counts_per_unit", self.counts, 1e-3, 1e7)?;
+        let pwm = needed("pwm", self.pwm.map(f64::from), 0.0, MAX_UNITS)? as usize;
+        let full_velocity = needed("full_velocity", self.full_velocity, 1e-3, 1e6)?;
+        let p = needed("p_gain", self.p_gain, 0.1, 1e4)?;
+        sheet.number(&at("i_gain"), self.i_gain, 0.0, 1e6)?;
+        sheet.number(&at("d_gain"), self.d_gain, 0.0, 10.0)?;
+        let servo = Actuator::Servo {
+            encoder: encoder as usize,
+            index_rising: !self.index_inverted,
+            pwm,
+            full_velocity,
+            gains: Gains {
+                p,
+                i: self.i_gain,
+                d: self.d_gain,
+            },
+        };
+        Ok((servo, per_unit))
     }
 }
 
