@@ -5,8 +5,9 @@ use evolvent_path::{Axes, AxisLetter, Curve, Move};
 
 use crate::planner::PlanError;
 
-/// Rounding of positions tolerated by the travel check, mm or degrees.
-pub const TRAVEL_SLACK: f64 = 1e-9;
+/// Tolerance of the travel check, mm or degrees. An axis that has stopped at the end of its travel may be
+/// beyond it by half of what the guard of the cycle tolerates (1e-6), and the next motion begins there.
+pub const TRAVEL_SLACK: f64 = 6e-7;
 /// Rounding of positions tolerated between two moves, mm or degrees.
 const MAX_GAP: f64 = 1e-6;
 
