@@ -6,7 +6,7 @@ use crate::error::{MAX_COORDINATE, check_coordinates};
 use crate::jet::xyz;
 use crate::polynomial::{self, Quintic};
 use crate::quadrature::{integrate, invert};
-use crate::{AXES, Axes, AxisLetter, CurveError, Jet, Sense};
+use crate::{AXES, Axes, AxisLetter, CurveError, Jet};
 
 /// Relative accuracy of a blend's arc length.
 const ACCURACY: f64 = 1e-12;
@@ -171,16 +171,6 @@ impl ParamCurve for Blend {
             self.domain,
             s / self.length * self.domain,
         )
-    }
-
-    fn at(&self, s: f64) -> Jet {
-        self.jet(self.parameter(s)).by_arc_length()
-    }
-
-    /// The sense of rotation from the first tangent to the last, in the coordinate plane closest to both.
-    fn sense(&self) -> Sense {
-        let turning = self.jet(0.0).tangent().cross(&self.jet(self.domain).tangent());
-        Sense::of(turning[turning.iamax()])
     }
 
     fn bounds(&self, u0: f64, u1: f64) -> (Axes, Axes) {

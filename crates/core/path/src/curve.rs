@@ -43,7 +43,9 @@ pub trait ParamCurve {
 
     /// Position and derivatives by arc length. They are infinite at an involute's base-circle point and where
     /// the speed of a blend vanishes. Not real-time safe.
-    fn at(&self, s: f64) -> Jet;
+    fn at(&self, s: f64) -> Jet {
+        self.jet(self.parameter(s)).by_arc_length()
+    }
 
     /// Unit tangent of the XYZ curve at arc length `s`; zero where XYZ does not move. Not real-time safe.
     fn tangent(&self, s: f64) -> Vector3<f64> {
@@ -60,8 +62,12 @@ pub trait ParamCurve {
         self.at(s).curvature_derivative()
     }
 
-    /// The sense of rotation of the curve in its plane. Real-time safe.
-    fn sense(&self) -> Sense;
+    /// The sense of rotation of the curve in its plane: from the first tangent to the last, in the coordinate
+    /// plane closest to both. Real-time safe.
+    fn sense(&self) -> Sense {
+        let turning = self.jet(0.0).tangent().cross(&self.jet(self.domain()).tangent());
+        Sense::of(turning[turning.iamax()])
+    }
 
     /// Minimum and maximum position of every axis between two regular parameters, for travel checks. Exact to
     /// rounding. Not real-time safe.

@@ -358,62 +358,55 @@ fn check_inputs(machine: &Machine, device: &NetworkDevice) -> Result<(), FitErro
             .inputs
             .iter()
             .find(|listed| listed.name == input.name);
-        let (device, direction, name) = (device.name.clone(), "input", input.name.clone());
-        match listed {
-            None => {
-                return Err(FitError::NoSignal {
-                    device,
-                    direction,
-                    name,
-                });
-            }
-            Some(listed) if listed.kind != kind(&input.channel) => {
-                return Err(FitError::SignalKind {
-                    device,
-                    direction,
-                    name,
-                    machine: listed.kind.name(),
-                });
-            }
-            Some(_) => {}
-        }
+        let listed = listed.map(|listed| listed.kind);
+        check_kind(device, "input", &input.name, listed, kind(&input.channel))?;
     }
     Ok(())
 }
 
+/// Whether the machine file has a signal of this name and of the kind of its channel.
+fn check_kind(
+    device: &NetworkDevice,
+    direction: &'static str,
+    name: &str,
+    listed: Option<SignalKind>,
+    of_channel: SignalKind,
+) -> Result<(), FitError> {
+    let (device, name) = (device.name.clone(), name.to_owned());
+    match listed {
+        None => Err(FitError::NoSignal {
+            device,
+            direction,
+            name,
+        }),
+        Some(listed) if listed != of_channel => Err(FitError::SignalKind {
+            device,
+            direction,
+            name,
+            machine: listed.name(),
+        }),
+        Some(_) => Ok(()),
+    }
+}
+
 fn check_output(machine: &Machine, device: &NetworkDevice, output: &NetworkOutput) -> Result<(), FitError> {
-    let device = device.name.clone();
-    let direction = "output";
     let (name, asked) = match &output.source {
         OutputSource::Named(name) => {
             let listed = machine.signals.outputs.iter().find(|listed| listed.name == *name);
-            let name = name.clone();
-            match listed {
-                None => {
-                    return Err(FitError::NoSignal {
-                        device,
-                        direction,
-                        name,
-                    });
-                }
-                Some(listed) if listed.kind != kind(&output.channel) => {
-                    return Err(FitError::SignalKind {
-                        device,
-                        direction,
-                        name,
-                        machine: listed.kind.name(),
-                    });
-                }
-                Some(listed) => (name, [listed.range[0], listed.range[1], listed.safe]),
-            }
+            let of_list = listed.map(|listed| listed.kind);
+            check_kind(device, "output", name, of_list, kind(&output.channel))?;
+            let asked = listed.map_or([f64::NAN; 3], |listed| {
+                [listed.range[0], listed.range[1], listed.safe]
+            });
+            (name.clone(), asked)
         }
         OutputSource::Function(function, number) if function.is_of_spindle() => {
             let name = format!("spindle {number}");
             match machine.signals.spindle(*number) {
                 None => {
                     return Err(FitError::NoSignal {
-                        device,
-                        direction,
+                        device: device.name.clone(),
+                        direction: "output",
                         name,
                     });
                 }
@@ -432,7 +425,7 @@ fn check_output(machine: &Machine, device: &NetworkDevice, output: &NetworkOutpu
         .find(|asked| asked.is_finite() && !(least..=most).contains(asked));
     match asked {
         Some(asked) => Err(FitError::SignalRange {
-            device,
+            device: device.name.clone(),
             name,
             asked,
             least,
