@@ -3,12 +3,11 @@
 
 use core::ops::Deref;
 use core::panic::AssertUnwindSafe;
-use core::time::Duration;
 
 use ethercrab::error::Error;
 use ethercrab::{
     Command, MainDevice, MainDeviceConfig, PduStorage, RegisterAddress, SubDevice, SubDeviceRef,
-    SubDeviceState, Timeouts,
+    SubDeviceState,
 };
 use evolvent_bridge::monotonic_ns;
 use thiserror::Error;
@@ -17,7 +16,7 @@ use crate::fault_text::fault_text_of;
 use crate::found::FoundDevice;
 use crate::network::MAX_DEVICES;
 use crate::pump::Pump;
-use crate::session::{FIRST_STATION, REPLY};
+use crate::session::{FIRST_STATION, timeouts};
 use crate::sii::{HEAD_BYTES, MAX_BYTES, Pdo, PdoEntry, SiiContents, bytes_wanted};
 use crate::socket::{InterfaceError, PacketSocket};
 
@@ -97,16 +96,11 @@ fn scan_socket(socket: &PacketSocket) -> Result<Vec<FoundDevice>, ScanError> {
         ));
     };
     let mut pump = Pump::new(tx, rx, socket, None);
-    let timeouts = Timeouts {
-        mailbox_response: Duration::from_secs(2),
-        pdu: REPLY,
-        ..Timeouts::default()
-    };
     let config = MainDeviceConfig {
         dc_static_sync_iterations: 0,
         ..MainDeviceConfig::default()
     };
-    let main = MainDevice::new(pdus, timeouts, config);
+    let main = MainDevice::new(pdus, timeouts(), config);
     let mut devices = pump
         .complete(monotonic_ns() + SCAN_NS, scan_main(&main))
         .unwrap_or_else(|| {

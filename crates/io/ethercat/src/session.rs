@@ -55,7 +55,10 @@ pub(crate) const FIRST_STATION: u16 = 0x1000;
 /// Maximum time for one frame while the network comes up. A mailbox from which an emergency message was read
 /// is read again until the device has replied, all within one frame of the MainDevice: drives take up to some
 /// 100 ms.
-pub(crate) const REPLY: Duration = Duration::from_millis(500);
+const REPLY: Duration = Duration::from_millis(500);
+/// Maximum time for one access to a device's EEPROM. It takes a device some milliseconds; the usual 10 ms end
+/// the start where the host is busy for that long.
+const EEPROM: Duration = Duration::from_millis(500);
 
 type Group<S> = SubDeviceGroup<MAX_DEVICES, IMAGE, DefaultLock, Op, S>;
 
@@ -162,16 +165,11 @@ pub(crate) fn run_session(
         return Err(failed("reserving the frame buffer", &"it is not available"));
     };
     let mut pump = Pump::new(tx, rx, socket, dump);
-    let timeouts = Timeouts {
-        mailbox_response: Duration::from_secs(2),
-        pdu: REPLY,
-        ..Timeouts::default()
-    };
     let config = MainDeviceConfig {
         dc_static_sync_iterations: CLOCK_WARM_UP,
         ..MainDeviceConfig::default()
     };
-    let main = MainDevice::new(pdus, timeouts, config);
+    let main = MainDevice::new(pdus, timeouts(), config);
     let started = pump.complete(
         monotonic_ns() + START_NS,
         start(&main, network, machine, period_ns),
@@ -210,6 +208,16 @@ pub(crate) fn run_session(
     ended.map_err(|error| with_states(error, silent, &mut pump, &main, network))
 }
 
+/// Timeouts while devices are scanned and the network comes up.
+pub(crate) fn timeouts() -> Timeouts {
+    Timeouts {
+        mailbox_response: Duration::from_secs(2),
+        pdu: REPLY,
+        eeprom: EEPROM,
+        ..Timeouts::default()
+    }
+}
+
 /// Reports the emergency messages that devices sent while the network came up.
 fn report_emergencies(pump: &Pump<'_, '_>, ends: &mut Ends<'_, '_>) {
     for emergency in pump.emergencies() {
@@ -225,7 +233,9 @@ fn report_emergencies(pump: &Pump<'_, '_>, ends: &mut Ends<'_, '_>) {
 fn place_signals(signals: &mut SignalSet, network: &Network, layouts: &Layouts) -> Result<(), SessionError> {
     let axes = network.axis_devices().zip(&layouts.axes);
     let spindles = network.spindle_devices().zip(&layouts.spindles);
-    for (device, layout) in axes.chain(spindles) {
+    let mut in_order: Vec<_> = axes.chain(spindles).collect();
+    in_order.sort_by_key(|(device, _)| *device);
+    for (device, layout) in in_order {
         let listed = &network.devices[device];
         let place = layout
             .digital_inputs_at(!listed.inputs.is_empty())
@@ -241,7 +251,7 @@ fn place_signals(signals: &mut SignalSet, network: &Network, layouts: &Layouts) 
 }
 
 /// The error with the devices that caused it: those of `silent`, bit i for device i, otherwise those below
-/// the state that was requested.
+/// the state that was requested, which after the start is OP.
 fn with_states<'m>(
     error: SessionError,
     silent: u32,
