@@ -270,6 +270,24 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
             "begin farther away from the thread, end farther after it, or turn the spindle more slowly"
                 .to_owned(),
         ),
+        ThreadObjection::ReversalTooFast {
+            axis,
+            needed,
+            permitted,
+        } => {
+            let letter = AxisLetter::letter_of(axis);
+            (
+                format!(
+                    "to follow the reversal of the spindle {letter} needs an acceleration of {:.3} m/s2, and its limit \
+                     is {:.3} m/s2",
+                    needed / 1e3,
+                    permitted / 1e3
+                ),
+                "let the spindle reverse more slowly: reduce its ramp in the drive, and acceleration_rpm_s or \
+                 ramp_rpm_s at its [[spindle]]"
+                    .to_owned(),
+            )
+        }
         ThreadObjection::NoOverrun {
             axis,
             needed_mm,

@@ -9,8 +9,6 @@
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
 
-use crate::thread_ripple::product;
-
 /// Fraction of the acceleration that the kernels use; the rest is for changes of the spindle speed.
 const ACCELERATION_FRACTION: f64 = 0.8;
 /// Fraction of the jerk that the kernels use.
@@ -53,6 +51,15 @@ pub enum ThreadObjection {
         run_out_mm: f64,
         /// Length of the leg, mm.
         length_mm: f64,
+    },
+    /// An axis cannot follow the reversal of a tap's spindle.
+    ReversalTooFast {
+        /// Index of the axis.
+        axis: usize,
+        /// Required acceleration, mm/s2.
+        needed: f64,
+        /// Permitted acceleration, mm/s2.
+        permitted: f64,
     },
     /// A tap has too little travel beyond its depth for the spindle to stop.
     NoOverrun {
@@ -211,13 +218,36 @@ impl ThreadCam {
         self.legs.iter().map(|leg| leg.turns).sum()
     }
 
-    /// Whether a spindle can turn this far beyond the end.
-    pub(crate) fn check_overrun(&self, turns: f64, limits: &Limits) -> Result<(), ThreadObjection> {
-        let Some(last) = self.legs.last() else {
+    /// The last leg, and its mm per turn.
+    fn last_leg(&self) -> Option<(&ThreadLeg, Axes)> {
+        let last = self.legs.last()?;
+        let from = self.legs.iter().rev().nth(1).map_or(self.start, |leg| leg.end);
+        Some((last, (last.end - from) / last.turns))
+    }
+
+    /// Whether the axes can follow a spindle that turns back at the end at this rate, turns/s2.
+    pub(crate) fn check_reversal(&self, rate: f64, limits: &Limits) -> Result<(), ThreadObjection> {
+        let Some((_, slope)) = self.last_leg() else {
             return Ok(());
         };
-        let from = self.legs.iter().rev().nth(1).map_or(self.start, |leg| leg.end);
-        let slope = (last.end - from) / last.turns;
+        for axis in 0..slope.len() {
+            let (needed, permitted) = (rate * slope[axis].abs(), limits.acceleration[axis]);
+            if limits.present[axis] && needed > permitted {
+                return Err(ThreadObjection::ReversalTooFast {
+                    axis,
+                    needed,
+                    permitted,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a spindle can turn this far beyond the end.
+    pub(crate) fn check_overrun(&self, turns: f64, limits: &Limits) -> Result<(), ThreadObjection> {
+        let Some((last, slope)) = self.last_leg() else {
+            return Ok(());
+        };
         for axis in 0..slope.len() {
             let needed_mm = turns * slope[axis].abs();
             let available_mm = if slope[axis] < 0.0 {
@@ -278,8 +308,9 @@ impl ThreadCam {
         max
     }
 
-    /// How far this is inside a straight part, and the derivatives by turns: 0 in the rounding of corners, 1
-    /// from this number of turns away from it. Real-time safe.
+    /// Weight of a straight part and its derivatives by turns: 0 in the rounding of corners, 1 from
+    /// `change_turns` away from it. Continuous, with three derivatives, unless [`reshape`](Self::reshape)
+    /// widens a corner ahead that is nearer than that. Real-time safe.
     pub(crate) fn straightness(&self, turns: f64, change_turns: f64) -> [f64; 4] {
         for (index, corner) in self.corners.iter().take(self.legs.len()).enumerate() {
             let begins = corner.at + corner.half();
@@ -368,6 +399,16 @@ fn smooth_step(x: f64) -> [f64; 4] {
         140.0 * both.powi(3),
         420.0 * both * both * (1.0 - 2.0 * x),
         840.0 * both * (1.0 - 5.0 * both),
+    ]
+}
+
+/// The derivatives of a product.
+pub(crate) fn product(a: &[f64; 4], b: &[f64; 4]) -> [f64; 4] {
+    [
+        a[0] * b[0],
+        a[1] * b[0] + a[0] * b[1],
+        a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2],
+        a[3] * b[0] + 3.0 * a[2] * b[1] + 3.0 * a[1] * b[2] + a[0] * b[3],
     ]
 }
 

@@ -36,6 +36,9 @@ const REVERSAL_MARGIN: f64 = 2.0;
 /// Ratio of the spindle speed to that at the start of a pass, or to the return speed of a tap, above which
 /// the pass is given up: no command requests such a speed.
 const RUNAWAY_RATIO: f64 = 1.5;
+/// Time above [`RUNAWAY_RATIO`] after which it is, s: the estimated speed overshoots where a spindle reverses
+/// within some samples. The axes follow meanwhile.
+const RUNAWAY_TIMEOUT_S: f64 = 0.1;
 /// Maximum distance of a tap beyond its depth while the spindle has not turned back: this number of turns,
 /// plus its turns in this number of seconds if its braking rate is unknown.
 const OVERRUN_TURNS: f64 = 2.0;
@@ -119,6 +122,7 @@ impl ThreadPass {
         let out = self.tap.map_or(0.0, |tap| tap.turns_per_s);
         cam.shape(self.turns_per_s.abs().max(out), limits, period_s)?;
         if let Some(tap) = self.tap {
+            cam.check_reversal(tap.braking.unwrap_or(0.0), limits)?;
             cam.check_overrun(tap.overrun_turns(self.turns_per_s.abs()), limits)?;
         }
         let first = self
@@ -196,11 +200,14 @@ pub struct Threading {
     origin: Option<f64>,
     /// Speed at the start of the pass.
     begun_at: f64,
-    followed_ripple: FollowedRipple,
+    /// Once the pass has begun.
+    followed_ripple: Option<FollowedRipple>,
     /// Time since a stop of a tap was requested, s: it follows the spindle until that stops.
     stopping_s: Option<f64>,
     /// Time for which the spindle has been slower than [`STALL_RATIO`], s.
     slow_s: f64,
+    /// Time for which the spindle has been faster than [`RUNAWAY_RATIO`], s.
+    fast_s: f64,
     /// Last angle since the origin, and its speed.
     turns: f64,
     speed: f64,
@@ -242,9 +249,10 @@ impl Threading {
             phase: Phase::Waiting(0.0),
             origin: None,
             begun_at: 0.0,
-            followed_ripple: FollowedRipple::default(),
+            followed_ripple: None,
             stopping_s: None,
             slow_s: 0.0,
+            fast_s: 0.0,
             turns: 0.0,
             speed: 0.0,
             now: Jet::at_rest(start),
@@ -275,9 +283,12 @@ impl Threading {
             SpindleKnowledge::Tracked | SpindleKnowledge::Imagined => {
                 let direction = self.turns_per_s.signum();
                 let turns = direction * spindle.mean[0] - self.origin.unwrap_or(0.0);
-                let (angle, third) =
-                    self.followed_ripple
-                        .add(&spindle.mean, &spindle.ripple, turns, direction, &self.cam);
+                let (angle, third) = match &self.followed_ripple {
+                    Some(followed) => {
+                        followed.add(&spindle.mean, &spindle.ripple, turns, direction, &self.cam)
+                    }
+                    None => (spindle.mean, 0.0),
+                };
                 Some((angle.map(|value| direction * value), direction * third))
             }
             SpindleKnowledge::Unknown | SpindleKnowledge::Seeking => None,
@@ -319,13 +330,7 @@ impl Threading {
             self.phase = Phase::Over(ThreadVerdict::Refused(objection));
             return;
         }
-        self.followed_ripple = FollowedRipple::new(
-            &spindle.ripple,
-            spindle.mean[1],
-            fastest,
-            self.cam.steepest(),
-            &self.limits,
-        );
+        self.followed_ripple = Some(FollowedRipple::new(self.cam.steepest(), &self.limits));
         self.begun_at = angle[1];
         // The next turn whose run-in is still ahead.
         let head_start = HEAD_START_TURNS + 2.0 * angle[1] * period_s;
@@ -391,9 +396,14 @@ impl Threading {
         };
         let has_begun = angle[0] > -run_in;
         let is_stopping = self.stopping_s.is_some();
-        if error > PHASE_TOLERANCE_MM || ratio > RUNAWAY_RATIO {
-            let is_at_edge =
-                ratio <= RUNAWAY_RATIO && self.tap.is_some() && self.follower.leaves_travel(&want);
+        self.fast_s = if ratio > RUNAWAY_RATIO {
+            self.fast_s + period_s
+        } else {
+            0.0
+        };
+        let runs_away = self.fast_s > RUNAWAY_TIMEOUT_S;
+        if error > PHASE_TOLERANCE_MM || runs_away {
+            let is_at_edge = !runs_away && self.tap.is_some() && self.follower.leaves_travel(&want);
             self.give_up(if is_at_edge {
                 ThreadVerdict::AtTravelEnd
             } else {

@@ -3,8 +3,8 @@
 use super::*;
 
 /// Drives an undisturbed pass of 30 mm, within every limit and without an allocation; returns the maximum
-/// phase error, mm: of the whole, and of what is two turns and more inside it, where the axes follow more of the
-/// ripple.
+/// phase error, mm: of the whole, and of the part at least two turns from run-in and run-out, where the axes follow
+/// more of the ripple.
 fn errors_of_a_pass(spindle: &Spindle, pitch: f64, what: &str) -> (f64, f64) {
     let pass = straight(pitch, 30.0, spindle.rev_s);
     let run_in = pass.check(&lathe(), 1e-3).expect("room");
@@ -49,7 +49,7 @@ fn a_thread_is_in_phase_on_uneven_spindles() {
                 let (error, inside) = errors_of_a_pass(&spindle, pitch, &what);
                 println!("{what}: {:.2} um, {:.2} um inside", error * 1e3, inside * 1e3);
                 worst_of_all = worst_of_all.max(inside);
-                // The part of the ripple that the axes cannot follow, because of its jerk: beside the run-in they
+                // The part of the ripple that the axes cannot follow, because of its jerk: in the run-in they
                 // use 0.3 of theirs, two turns away from it 0.92.
                 let amplitude = pitch * ripple / (TAU * order);
                 let rate = TAU * order * spindle.rev_s;
@@ -351,6 +351,49 @@ fn an_override_of_the_spindle_is_followed_in_phase() {
         // The run-out at the faster spindle speed is wider: the axes can follow it.
         assert!(result.worst_mm < 0.01, "{}", result.worst_mm);
         assert!(error < 0.008, "{error}");
+    }
+}
+
+/// The jerk that following the ripple needs grows with the cube of the speed.
+#[test]
+fn an_uneven_spindle_that_gets_faster_is_followed_in_phase() {
+    for (rev_s, change) in [(50.0, 0.05), (50.0, 0.2), (50.0, 0.4), (35.0, 0.45), (50.0, -0.3)] {
+        let spindle = Spindle {
+            rev_s,
+            torque: 20.0,
+            ripple: 0.02,
+            ..EVEN
+        };
+        let pass = straight(1.5, 150.0, rev_s);
+        let fast = ThreadPass {
+            turns_per_s: rev_s * 1.5,
+            ..pass.clone()
+        };
+        let run_in = fast.check(&lathe(), 1e-3).expect("room");
+        let outcome = run(
+            lathe(),
+            1_000_000,
+            PlannerKind::Optimal,
+            &pass,
+            &spindle,
+            Trouble::Load(0.6, -change),
+            0.0..0.0,
+            f64::INFINITY,
+        );
+        let result = outcome.result.expect("a result");
+        assert_eq!(result.verdict, ThreadVerdict::Done, "{rev_s}, {change}");
+        assert_within(&outcome.all, &lathe(), 1_000_000, "override");
+        let (error, _) = phase_error(&outcome, &pass, 1.5, run_in + 3.0, 1_000_000);
+        println!(
+            "{rev_s} turns/s by {change}: {:.2} um, {:.2} um of the follower",
+            error * 1e3,
+            result.worst_mm * 1e3
+        );
+        // The whole ripple is 4.8 um, and the change of the speed itself takes up to 3.
+        assert!(
+            error < 0.008 && result.worst_mm < 0.01,
+            "{rev_s}, {change}: {error}"
+        );
     }
 }
 
