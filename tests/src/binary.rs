@@ -45,7 +45,7 @@ pub(crate) fn build_targets(targets: &[&str]) -> PathBuf {
         Some(name) => name,
     };
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    // Variables of the package of the running test: build scripts that ask for them would run again, and what
+    // Variables of the package of the running test: build scripts that read them would run again, and what
     // depends on them would be compiled again.
     for (name, _) in std::env::vars_os() {
         let text = name.to_string_lossy();

@@ -49,7 +49,7 @@ struct Case {
     seed: u64,
     program: String,
     trouble: Trouble,
-    /// Time of the fault, s after START; for a fault of the bridge, after its drives came into operation.
+    /// Time of the fault, s after START; for a fault of the bridge, after its drives became operational.
     moment_s: f64,
     pause_s: f64,
     ripple_percent: f64,

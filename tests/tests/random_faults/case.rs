@@ -47,7 +47,7 @@ pub(super) struct Case {
     pub(super) taps: bool,
     pub(super) is_operator: bool,
     pub(super) trouble: Trouble,
-    /// Time of the fault, s after START; for a fault of the bridge, after its drives came into operation.
+    /// Time of the fault, s after START; for a fault of the bridge, after its drives became operational.
     pub(super) moment_s: f64,
     pub(super) pause_s: f64,
     pub(super) surface: f64,

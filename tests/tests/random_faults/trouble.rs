@@ -54,7 +54,7 @@ impl Trouble {
         matches!(self, Self::Bridge(..))
     }
 
-    /// The option of `bridge sim` for a fault of the bridge, `moment_s` after its drives came into operation.
+    /// The option of `bridge sim` for a fault of the bridge, `moment_s` after its drives became operational.
     pub(crate) fn fault_options(self, moment_s: f64) -> Vec<String> {
         let Self::Bridge(name, _) = self else {
             return Vec::new();

@@ -73,7 +73,7 @@ pub(crate) struct StatusPort<'a> {
 
 impl StatusPort<'_> {
     /// Publishes a status. One that cannot be sent is superseded by the next. `lines_before`: lines of its job
-    /// that nobody has written.
+    /// that the operator has not written.
     pub(crate) fn publish(&mut self, status: &mut Status, lines_before: u32) {
         if let Some(stops) = &mut self.stops {
             stops.fill(status, lines_before);

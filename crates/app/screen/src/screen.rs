@@ -236,7 +236,7 @@ fn start_server(
     Ok((Arc::new(server), vec![first, second, third, bus]))
 }
 
-/// What pages are told of the program of a run.
+/// The program of a run, as sent to pages.
 fn program_of_run(file: &Path) -> ProgramInfo {
     ProgramInfo {
         name: name_of(file),

@@ -564,7 +564,7 @@ mod tests {
     }
 
     #[test]
-    fn values_just_beyond_the_limits_are_refused() {
+    fn values_just_beyond_the_limits_and_absent_axes_are_refused() {
         let too_wide = RawCommand {
             amount: 1.000_1e4,
             ..indexed(CommandCode::Tool, 1)

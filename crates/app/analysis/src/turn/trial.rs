@@ -341,7 +341,7 @@ fn steep_entry(settings: &TurningSettings) -> Option<String> {
     })
 }
 
-/// The run of a program on a route, without operator.
+/// The run of a program on a route, without an operator.
 fn run_of(program: PathBuf, setup: Setup, route: &TurningRoute<'_>) -> Run {
     Run {
         program,
@@ -359,7 +359,7 @@ fn run_of(program: PathBuf, setup: Setup, route: &TurningRoute<'_>) -> Run {
     }
 }
 
-/// Collects figures, samples and sections of the cycles of a trial.
+/// Collects figures, samples and stretches of the cycles of a trial.
 struct CycleRecorder {
     settings: TurningSettings,
     /// Cycles so far, and those between two samples.
@@ -441,7 +441,7 @@ impl RunObserver for Silent<'_> {
     }
 }
 
-/// Combines cycles into straight sections.
+/// Combines cycles into straight stretches.
 #[derive(Default)]
 struct StretchWriter {
     kind: Option<(u8, bool, bool)>,

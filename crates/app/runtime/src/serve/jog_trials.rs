@@ -44,8 +44,8 @@ impl Requested {
     }
 }
 
-/// One motion from rest to rest: the jogs of several clients, and what they demand of each axis.
-struct Motion {
+/// A trial, one motion from rest to rest: the jogs of several clients, and what they demand of each axis.
+struct JogTrial {
     number: usize,
     begun: u64,
     requested: [Requested; 3],
@@ -64,7 +64,7 @@ struct Motion {
     log: Vec<String>,
 }
 
-impl Motion {
+impl JogTrial {
     fn new(number: usize, bench: &Bench, random: &mut Random) -> Self {
         let here = bench.operator.view.setpoint.position;
         let mut requested = [Requested::default(); 3];
@@ -271,7 +271,7 @@ fn random_jogs_keep_speed_distance_and_dead_man() {
     let mut bench = Bench::new();
     let (mut taken_over, mut stopped_by_dead_man, mut increments_done) = (0, 0, 0);
     for number in 0..cases(400) {
-        let mut motion = Motion::new(number, &bench, &mut random);
+        let mut motion = JogTrial::new(number, &bench, &mut random);
         let Some(result) = motion.run(&mut bench, &mut random) else {
             continue;
         };

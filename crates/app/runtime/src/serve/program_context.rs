@@ -14,7 +14,7 @@ pub(super) struct ProgramContext {
     pub(super) parameters: String,
     /// Numbers of the next block and action.
     pub(super) numbers: (u32, u32),
-    /// Lines of the last job before those of its author: the preamble of a block of MDI.
+    /// Lines of the last job before those of the operator: the preamble of a block of MDI.
     pub(super) lines_before: u32,
     /// Of the running job, or of the next one.
     pub(super) switches: Arc<Switches>,

@@ -22,7 +22,7 @@ pub(super) struct AxisFile {
     /// Turns of the motor, and turns of the other side of the gear in the same time.
     #[serde(default = "direct")]
     pub(super) gear: [u32; 2],
-    /// What one turn behind the gear moves the axis, in mm; the lead of a screw.
+    /// What one turn after the gear moves the axis, in mm; the lead of a screw.
     pub(super) turn_mm: Option<f64>,
     /// The same for a rotary axis, in degrees.
     pub(super) turn_deg: Option<f64>,
@@ -181,7 +181,7 @@ impl AxisFile {
         }
     }
 
-    /// What one turn behind the gear moves the axis, in its unit.
+    /// What one turn after the gear moves the axis, in its unit.
     fn check_turn(&self, sheet: &ConfigDocument<'_>, key: &str, is_rotary: bool) -> Result<f64, ConfigError> {
         match (self.turn_mm, self.turn_deg, is_rotary) {
             (Some(turn), None, false) | (None, Some(turn), true) => Ok(turn),

@@ -91,7 +91,7 @@ fn refused(wanted: &'static str) -> impl Fn(Error) -> SessionError {
     }
 }
 
-/// Brings the devices to PRE-OP; there are as many as in the network file.
+/// Brings the devices to PRE-OP and checks their number.
 async fn find_devices(main: &MainDevice<'_>, network: &Network) -> Result<Group<PreOp, NoDc>, SessionError> {
     let answer = Command::brd(RegisterAddress::Type.into())
         .ignore_wkc()

@@ -148,16 +148,8 @@ impl AxisFile {
     ) -> Result<(Actuator, f64), ConfigError> {
         let at = |name: &str| format!("{key}.{name}");
         sheet.number(&at("stepgen"), f64::from(unit), 0.0, MAX_UNITS)?;
-        let needed = |name: &str, value: Option<f64>, least: f64, most: f64| {
-            let value = value.ok_or_else(|| {
-                sheet.error(
-                    key,
-                    format!("a step generator needs {name}"),
-                    format!("give {name}"),
-                )
-            })?;
-            sheet.number(&at(name), value, least, most)?;
-            Ok::<_, ConfigError>(value)
+        let needed = |name: &str, value, minimum, maximum| {
+            needed(sheet, key, ("a step generator", name), value, minimum..=maximum)
         };
         let per_unit = needed("steps_per_unit", self.steps, 1e-3, 1e7)?;
         let time = |name: &str, value: Option<f64>| needed(name, value, 20.0, MAX_TIME_NS);
@@ -187,12 +179,8 @@ impl AxisFile {
     ) -> Result<(Actuator, f64), ConfigError> {
         let at = |name: &str| format!("{key}.{name}");
         sheet.number(&at("encoder"), f64::from(encoder), 0.0, MAX_UNITS)?;
-        let needed = |name: &str, value: Option<f64>, least: f64, most: f64| {
-            let value = value.ok_or_else(|| {
-                sheet.error(key, format!("an encoder needs {name}"), format!("give {name}"))
-            })?;
-            sheet.number(&at(name), value, least, most)?;
-            Ok::<_, ConfigError>(value)
+        let needed = |name: &str, value, minimum, maximum| {
+            needed(sheet, key, ("an encoder", name), value, minimum..=maximum)
         };
         let per_unit = needed("counts_per_unit", self.counts, 1e-3, 1e7)?;
         let pwm = needed("pwm", self.pwm.map(f64::from), 0.0, MAX_UNITS)? as usize;
@@ -213,6 +201,20 @@ impl AxisFile {
         };
         Ok((servo, per_unit))
     }
+}
+
+/// A value that this actuator needs, within its range.
+fn needed(
+    sheet: &ConfigDocument<'_>,
+    key: &str,
+    (actuator, name): (&str, &str),
+    value: Option<f64>,
+    range: core::ops::RangeInclusive<f64>,
+) -> Result<f64, ConfigError> {
+    let value =
+        value.ok_or_else(|| sheet.error(key, format!("{actuator} needs {name}"), format!("give {name}")))?;
+    sheet.number(&format!("{key}.{name}"), value, *range.start(), *range.end())?;
+    Ok(value)
 }
 
 /// Checks that the two motors of each gantry belong together.

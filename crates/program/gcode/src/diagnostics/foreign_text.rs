@@ -240,12 +240,10 @@ impl<'a> ForeignText<'a> {
             )),
             name if name.len() == 1 || name.ends_with(['X', 'Y', 'Z', 'I', 'J', 'K']) => {
                 let letter = &name[name.len() - 1..];
-                Some(self.replacement(
-                "words with = are not part of this dialect",
-                format!(
+                let help = format!(
                     "write {letter}10 in place of {letter}=10, and {letter}#1 for the value of a parameter"
-                ),
-            ))
+                );
+                Some(self.replacement("words with = are not part of this dialect", help))
             }
             _ => None,
         }

@@ -207,7 +207,7 @@ impl Executor<'_> {
         })
     }
 
-    /// The end along one axis in program coordinates, mm. The tool is at `from`; a word counts `factor`.
+    /// The end along one axis in program coordinates, mm. The tool is at `from`. `factor`: mm per unit of a word.
     fn end_of_step(&self, words: &EndWords, factor: f64, from: f64, name: &str) -> Result<f64, Fault> {
         let line = self.line;
         let (a, b) = (char::from(words.absolute), char::from(words.increment));
