@@ -21,6 +21,10 @@ use crate::thread_ripple::FollowedRipple;
 
 /// Maximum distance of the axes from the position for the spindle angle, mm; beyond it the pass is given up.
 const PHASE_TOLERANCE_MM: f64 = 0.1;
+/// The same as a fraction of the pitch, if that is more, from the moment when the spindle of a tap is commanded
+/// to stop or to turn back. Nobody can predict when it does, and what the axes lose meanwhile they recover; a
+/// tap that is given up in the hole breaks.
+const REVERSAL_TOLERANCE: f64 = 0.25;
 /// Ratio of the spindle speed to that at the start of a pass below which the spindle counts as stalled.
 const STALL_RATIO: f64 = 0.2;
 /// The same ratio below which a spindle that was ordered off counts as stopped: at 20 turns/s and 10 turns/s2
@@ -402,7 +406,12 @@ impl Threading {
             0.0
         };
         let runs_away = self.fast_s > RUNAWAY_TIMEOUT_S;
-        if error > PHASE_TOLERANCE_MM || runs_away {
+        let tolerance_mm = if self.tap.is_some() && (turned || is_stopping) {
+            PHASE_TOLERANCE_MM.max(REVERSAL_TOLERANCE * self.cam.steepest())
+        } else {
+            PHASE_TOLERANCE_MM
+        };
+        if error > tolerance_mm || runs_away {
             let is_at_edge = !runs_away && self.tap.is_some() && self.follower.leaves_travel(&want);
             self.give_up(if is_at_edge {
                 ThreadVerdict::AtTravelEnd
