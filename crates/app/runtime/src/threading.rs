@@ -407,4 +407,19 @@ mod tests {
             "{help}"
         );
     }
+
+    #[test]
+    fn a_reversal_beyond_an_axis_has_both_accelerations() {
+        let objection = ThreadObjection::ReversalTooFast {
+            axis: 2,
+            needed: 5000.0,
+            permitted: 3000.0,
+        };
+        let (message, help) = objection_text(&objection, 1000.0);
+        assert!(
+            message.contains("Z needs an acceleration of 5.000 m/s2") && message.contains("3.000"),
+            "{message}"
+        );
+        assert!(help.contains("acceleration_rpm_s"), "{help}");
+    }
 }
