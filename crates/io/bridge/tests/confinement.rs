@@ -56,11 +56,15 @@ fn deeds(door: std::net::SocketAddr) -> Vec<(&'static str, bool)> {
         }
         child > 0
     };
-    let folder = std::env::temp_dir().join(format!("evolvent-confined-{}", std::process::id()));
+    let file = std::env::temp_dir().join(format!("evolvent-confined-{}", std::process::id()));
     vec![
         ("read a file", std::fs::read("/etc/passwd").is_ok()),
         ("list a folder", std::fs::read_dir("/etc").is_ok()),
-        ("write a file", std::fs::write(folder, "x").is_ok()),
+        ("write a file", {
+            let is_written = std::fs::write(&file, "x").is_ok();
+            let _unconfined = std::fs::remove_file(&file);
+            is_written
+        }),
         ("run a program", Command::new("true").status().is_ok()),
         ("fork", forks()),
         ("open a raw socket", socket(libc::AF_PACKET, libc::SOCK_RAW)),
