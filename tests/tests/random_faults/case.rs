@@ -6,6 +6,8 @@ use evolvent_random::Random;
 
 use super::trouble::Trouble;
 
+/// The program has an error.
+const PROGRAM: u32 = 100;
 /// Alarms that may accompany any other: a tool change that was broken off, and axes that must be homed.
 const CHANGE_BROKEN_OFF: u32 = 103;
 const ZERO_MAY_HAVE_MOVED: u32 = 418;
@@ -178,7 +180,11 @@ impl Case {
 
     /// Whether the fault may raise this alarm.
     pub(super) fn permits(&self, alarm: u32) -> bool {
+        // Silence ends a tap at its depth before it is too long for the drives: nothing shows that the spindle
+        // has reversed.
+        let is_silent = matches!(self.trouble, Trouble::BridgeKilled | Trouble::Bridge("silent", _));
         self.trouble.alarms().contains(&alarm)
+            || self.taps && is_silent && alarm == PROGRAM
             || self.changes && alarm == CHANGE_BROKEN_OFF
             || alarm == ZERO_MAY_HAVE_MOVED
             || alarm == 0
