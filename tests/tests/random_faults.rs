@@ -42,6 +42,8 @@ const MILL: u32 = 0b111;
 const STOP_CYCLES: u64 = 250;
 /// Maximum number of cycles from the reply to a command to the cycle that executes it, on a busy host.
 const ORDER_CYCLES: u64 = 50;
+/// Longer than `input_timeout_ms`.
+const SILENCE: Duration = Duration::from_millis(1600);
 /// Longer than any program with all its timeouts.
 pub(crate) const LONGEST: Duration = Duration::from_secs(90);
 
@@ -165,9 +167,12 @@ impl Plant {
     fn start_drives(&mut self, options: &[String]) {
         if let Some(drives) = self.drives.take() {
             drop(drives);
-            // Until then the inputs of the old bridge count, and the new one may not claim them.
-            self.operator
-                .waits("silence", |status| status.feedback_age_ns > 1_600_000_000);
+            // Until then the inputs of the old bridge count, and the new one may not claim them. A silent one has
+            // sent them longer than its feedback.
+            let dropped = Instant::now();
+            self.operator.waits("silence", |status| {
+                u128::from(status.feedback_age_ns) > SILENCE.as_nanos() && dropped.elapsed() > SILENCE
+            });
         }
         let options: Vec<&str> = options.iter().map(String::as_str).collect();
         self.drives = Some(Drives::start(&self.shop.machine, &self.shop.domain, &options));
