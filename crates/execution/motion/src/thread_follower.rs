@@ -13,10 +13,16 @@ use evolvent_planner::{Profile, ScalarLimits, ScalarState};
 use crate::guard::TRAVEL_SLACK;
 use crate::thread_cam::ThreadLeg;
 
-/// Rate at which the follower corrects a position error, 1/s: three equal poles. At most [`FOLLOW_FRACTION`]
+/// Rate at which the follower corrects small errors, 1/s: three equal poles. At most [`FOLLOW_FRACTION`]
 /// of the control rate.
-const FOLLOW_RATE: f64 = 120.0;
+const FOLLOW_RATE: f64 = 200.0;
 const FOLLOW_FRACTION: f64 = 0.3;
+/// Minimum fraction of the jerk that counts as left for corrections: where a course needs most of the jerk by its
+/// ripple, a lower rate would follow it less well than a truncated jerk.
+const MIN_JERK_LEFT: f64 = 0.5;
+/// Ratio of two rates that are tried, and their number.
+const RATE_STEP: f64 = 1.1;
+const RATES: i32 = 33;
 /// Rounding of a stop that is computed again in each of its periods, mm or degrees. The guard tolerates
 /// [`TRAVEL_SLACK`].
 const STOP_ROUNDING: f64 = 0.25 * TRAVEL_SLACK;
@@ -86,7 +92,8 @@ impl ThreadFollower {
                 a - t * j - from.a,
             ];
             let (limit_a, limit_j) = (self.limits.acceleration[axis], self.limits.jerk[axis]);
-            let jerk = j + rate * (3.0 * errors[2] + rate * (3.0 * errors[1] + rate * errors[0]));
+            let left = (limit_j - j.abs()).max(MIN_JERK_LEFT * limit_j);
+            let jerk = j + correction(&errors, rate_for(&errors, rate, left));
             let max = ((limit_a - from.a) / t).min(limit_j);
             let min = ((-limit_a - from.a) / t).max(-limit_j);
             let jerk = if min <= max { jerk.clamp(min, max) } else { 0.0 };
@@ -168,6 +175,29 @@ impl ThreadFollower {
         };
         (state, sign * jerk)
     }
+}
+
+/// Jerk that corrects errors of position, velocity and acceleration at a rate, with three equal poles.
+fn correction(errors: &[f64; 3], rate: f64) -> f64 {
+    rate * (3.0 * errors[2] + rate * (3.0 * errors[1] + rate * errors[0]))
+}
+
+/// The rate at which errors are corrected: the usual one, or a lower one where that would need more than this
+/// jerk. With the jerk merely truncated the axis would swing about its course more and more, because it would
+/// approach the course faster than it can stop there. So every lower rate keeps within the jerk, too.
+fn rate_for(errors: &[f64; 3], usual: f64, jerk: f64) -> f64 {
+    if correction(errors, usual).abs() <= jerk {
+        return usual;
+    }
+    let mut rate = usual / RATE_STEP.powi(RATES);
+    for _ in 0..RATES {
+        let next = rate * RATE_STEP;
+        if correction(errors, next).abs() > jerk {
+            break;
+        }
+        rate = next;
+    }
+    rate
 }
 
 /// The state with the velocity forwards, and its direction. The position is not mirrored.

@@ -73,6 +73,49 @@ fn a_tap_goes_in_and_out_in_phase_to_its_depth() {
     }
 }
 
+/// An axis swings about its course with more and more jerk where its corrections do not consider how little of it
+/// there is: these taps were given up in the hole, by random cases.
+#[test]
+fn a_tap_on_an_axis_of_little_jerk_follows_the_reversal() {
+    for [acceleration, jerk, pitch, rev_s, torque] in [
+        [317.0, 8109.0, 0.912, 1.1, 50.4],
+        [452.0, 5364.0, 1.16, 3.4, 43.0],
+        [2102.0, 50_909.0, 1.856, 3.2, 175.0],
+        [506.0, 17_581.0, 0.856, 2.5, 161.0],
+    ] {
+        let pass = ThreadPass {
+            tap: Some(TapReturn {
+                turns_per_s: rev_s,
+                braking: Some(torque),
+            }),
+            ..straight(pitch, 10.0 * pitch, rev_s)
+        };
+        let spindle = Spindle {
+            rev_s,
+            torque,
+            counts: 480.0,
+            ..EVEN
+        };
+        let machine = equal_axes(100.0, acceleration, jerk);
+        let what = format!("{acceleration}, {jerk}");
+        let none = (Trouble::None, 0.0..0.0, f64::INFINITY);
+        let outcome = run(
+            machine,
+            1_600_000,
+            PLANNERS[0],
+            &pass,
+            &spindle,
+            none.0,
+            none.1,
+            none.2,
+        );
+        let result = outcome.result.expect("a result");
+        println!("{what}: {:.1} um at most", 1e3 * result.worst_mm);
+        assert_eq!(result.verdict, ThreadVerdict::Done, "{what}: {result:?}");
+        assert_within(&outcome.all, &machine, 1_600_000, &what);
+    }
+}
+
 /// A tap of 15 turns at 600 rpm and its spindle, which reverses in 0.6 s.
 fn tap_of_15_turns(braking: Option<f64>) -> (Spindle, ThreadPass) {
     let spindle = EVEN;
