@@ -234,6 +234,10 @@ impl ThreadRefusal {
     }
 }
 
+/// The remedy where the axes cannot follow the reversal of a tap's spindle.
+const SLOWER_REVERSAL: &str = "let the spindle reverse more slowly: reduce its ramp in the drive, and \
+                               acceleration_rpm_s or ramp_rpm_s at its [[spindle]]";
+
 fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
     match *objection {
         ThreadObjection::TooFast {
@@ -283,9 +287,21 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
                     needed / 1e3,
                     permitted / 1e3
                 ),
-                "let the spindle reverse more slowly: reduce its ramp in the drive, and acceleration_rpm_s or \
-                 ramp_rpm_s at its [[spindle]]"
-                    .to_owned(),
+                SLOWER_REVERSAL.to_owned(),
+            )
+        }
+        ThreadObjection::ReversalTooSudden {
+            axis,
+            lag_mm,
+            permitted_mm,
+        } => {
+            let letter = AxisLetter::letter_of(axis);
+            (
+                format!(
+                    "{letter} would lag by {lag_mm:.3} mm behind the reversal of the spindle, because of its jerk, and \
+                     {permitted_mm:.3} mm are permitted"
+                ),
+                format!("{SLOWER_REVERSAL}; or raise max_jerk_m_s3 of {letter} if the machine permits it"),
             )
         }
         ThreadObjection::NoOverrun {
@@ -409,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reversal_beyond_an_axis_has_both_accelerations() {
+    fn a_reversal_beyond_an_axis_has_both_figures() {
         let objection = ThreadObjection::ReversalTooFast {
             axis: 2,
             needed: 5000.0,
@@ -421,5 +437,19 @@ mod tests {
             "{message}"
         );
         assert!(help.contains("acceleration_rpm_s"), "{help}");
+        let objection = ThreadObjection::ReversalTooSudden {
+            axis: 2,
+            lag_mm: 0.4321,
+            permitted_mm: 0.25,
+        };
+        let (message, help) = objection_text(&objection, 1000.0);
+        assert!(
+            message.contains("Z would lag by 0.432 mm") && message.contains("0.250 mm are permitted"),
+            "{message}"
+        );
+        assert!(
+            help.contains("ramp_rpm_s") && help.contains("max_jerk_m_s3 of Z"),
+            "{help}"
+        );
     }
 }

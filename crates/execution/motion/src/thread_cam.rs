@@ -61,6 +61,15 @@ pub enum ThreadObjection {
         /// Permitted acceleration, mm/s2.
         permitted: f64,
     },
+    /// An axis lags behind the reversal of a tap's spindle, because of its jerk.
+    ReversalTooSudden {
+        /// Index of the axis.
+        axis: usize,
+        /// Minimum lag of any motion within its limits, mm.
+        lag_mm: f64,
+        /// Permitted lag, mm.
+        permitted_mm: f64,
+    },
     /// A tap has too little travel beyond its depth for the spindle to stop.
     NoOverrun {
         /// Index of the axis.
@@ -70,6 +79,31 @@ pub enum ThreadObjection {
         /// Distance from the depth to the end of its travel, mm.
         available_mm: f64,
     },
+}
+
+/// Minimum lag, mm, of an axis behind a position that is accelerated without notice by this much, mm/s2, for this
+/// time, s. The axis, as fast as the position before, raises its acceleration at its jerk, mm/s3, to its limit,
+/// mm/s2, which is more, until it is as fast again.
+fn reversal_lag(acceleration: f64, duration_s: f64, max_acceleration: f64, jerk: f64) -> f64 {
+    let rise_s = max_acceleration / jerk;
+    let risen_speed = max_acceleration * rise_s / 2.0;
+    let during_s = if 2.0 * acceleration <= max_acceleration {
+        2.0 * acceleration / jerk
+    } else {
+        risen_speed / (max_acceleration - acceleration)
+    };
+    let change = acceleration * duration_s;
+    let time_s = if during_s <= duration_s {
+        during_s
+    } else if change <= risen_speed {
+        (2.0 * change / jerk).sqrt()
+    } else {
+        rise_s + (change - risen_speed) / max_acceleration
+    };
+    let [rising_s, after_s] = [time_s.min(rise_s), (time_s - rise_s).max(0.0)];
+    let driven = jerk * rising_s.powi(3) / 6.0 + after_s * (risen_speed + max_acceleration * after_s / 2.0);
+    let accelerated_s = time_s.min(duration_s);
+    acceleration * accelerated_s * (time_s - accelerated_s / 2.0) - driven
 }
 
 /// A change of slope.
@@ -225,8 +259,15 @@ impl ThreadCam {
         Some((last, (last.end - from) / last.turns))
     }
 
-    /// Whether the axes can follow a spindle that turns back at the end at this rate, turns/s2.
-    pub(crate) fn check_reversal(&self, rate: f64, limits: &Limits) -> Result<(), ThreadObjection> {
+    /// Whether the axes can follow a spindle that turns back at the end with a permitted lag in mm: at this rate,
+    /// turns/s2, until its speed has changed by `change`, turns/s.
+    pub(crate) fn check_reversal(
+        &self,
+        rate: f64,
+        change: f64,
+        permitted_mm: f64,
+        limits: &Limits,
+    ) -> Result<(), ThreadObjection> {
         let Some((_, slope)) = self.last_leg() else {
             return Ok(());
         };
@@ -237,6 +278,14 @@ impl ThreadCam {
                     axis,
                     needed,
                     permitted,
+                });
+            }
+            let lag_mm = reversal_lag(needed, change / rate, permitted, limits.jerk[axis]);
+            if limits.present[axis] && lag_mm > permitted_mm {
+                return Err(ThreadObjection::ReversalTooSudden {
+                    axis,
+                    lag_mm,
+                    permitted_mm,
                 });
             }
         }
@@ -434,6 +483,35 @@ mod tests {
         let mut end = Axes::zeros();
         (end[0], end[2]) = (x, z);
         ThreadLeg { end, turns, line: 7 }
+    }
+
+    /// The lag in small steps of time.
+    fn integrated_lag(acceleration: f64, duration_s: f64, max_acceleration: f64, jerk: f64) -> f64 {
+        let step = 1e-6;
+        let (mut time, mut lag, mut slower) = (0.0, 0.0, 0.0);
+        while slower > 0.0 || time == 0.0 {
+            let wanted = if time < duration_s { acceleration } else { 0.0 };
+            slower += step * (wanted - max_acceleration.min(jerk * time));
+            lag += step * slower;
+            time += step;
+        }
+        lag
+    }
+
+    #[test]
+    fn the_lag_of_a_reversal_is_that_of_an_integration() {
+        for [acceleration, duration_s, max_acceleration, jerk] in [
+            // Caught up during the reversal, and after it: with the acceleration rising, and at its limit.
+            [500.0, 0.2, 2000.0, 50_000.0],
+            [1500.0, 0.3, 2000.0, 50_000.0],
+            [1500.0, 0.02, 2000.0, 10_000.0],
+            [1990.0, 0.3, 2000.0, 50_000.0],
+            [2000.0, 0.1, 2000.0, 50_000.0],
+        ] {
+            let found = reversal_lag(acceleration, duration_s, max_acceleration, jerk);
+            let expected = integrated_lag(acceleration, duration_s, max_acceleration, jerk);
+            assert!((found / expected - 1.0).abs() < 1e-3, "{found}, {expected}");
+        }
     }
 
     #[test]

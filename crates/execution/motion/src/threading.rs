@@ -126,7 +126,10 @@ impl ThreadPass {
         let out = self.tap.map_or(0.0, |tap| tap.turns_per_s);
         cam.shape(self.turns_per_s.abs().max(out), limits, period_s)?;
         if let Some(tap) = self.tap {
-            cam.check_reversal(tap.braking.unwrap_or(0.0), limits)?;
+            if let Some(rate) = tap.braking {
+                let change = self.turns_per_s.abs() + tap.turns_per_s;
+                cam.check_reversal(rate, change, reversal_tolerance(&cam), limits)?;
+            }
             cam.check_overrun(tap.overrun_turns(self.turns_per_s.abs()), limits)?;
         }
         let first = self
@@ -135,6 +138,11 @@ impl ThreadPass {
             .map_or(0.0, |leg| (leg.end - self.start).norm() / leg.turns);
         Ok(first * cam.run_in_turns())
     }
+}
+
+/// Maximum distance of the axes from the position for the spindle angle while a tap's spindle stops or reverses, mm.
+fn reversal_tolerance(cam: &ThreadCam) -> f64 {
+    PHASE_TOLERANCE_MM.max(REVERSAL_TOLERANCE * cam.steepest())
 }
 
 /// How a pass has ended.
@@ -407,7 +415,7 @@ impl Threading {
         };
         let runs_away = self.fast_s > RUNAWAY_TIMEOUT_S;
         let tolerance_mm = if self.tap.is_some() && (turned || is_stopping) {
-            PHASE_TOLERANCE_MM.max(REVERSAL_TOLERANCE * self.cam.steepest())
+            reversal_tolerance(&self.cam)
         } else {
             PHASE_TOLERANCE_MM
         };
