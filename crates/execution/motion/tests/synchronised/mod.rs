@@ -248,6 +248,18 @@ fn run(
     }
 }
 
+/// A pass without holds, stops and trouble of the spindle.
+fn undisturbed(
+    machine: Limits,
+    period_ns: u64,
+    kind: PlannerKind,
+    pass: &ThreadPass,
+    spindle: &Spindle,
+) -> Outcome {
+    let (trouble, never) = (Trouble::None, f64::INFINITY);
+    run(machine, period_ns, kind, pass, spindle, trouble, 0.0..0.0, never)
+}
+
 fn assert_within(all: &[Setpoint], machine: &Limits, period_ns: u64, what: &str) {
     let period = period_ns as f64 * 1e-9;
     let noise = 64.0 * f64::EPSILON * 200.0;

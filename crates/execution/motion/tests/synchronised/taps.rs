@@ -98,17 +98,7 @@ fn a_tap_on_an_axis_of_little_jerk_follows_the_reversal() {
         };
         let machine = equal_axes(100.0, acceleration, jerk);
         let what = format!("{acceleration}, {jerk}");
-        let none = (Trouble::None, 0.0..0.0, f64::INFINITY);
-        let outcome = run(
-            machine,
-            1_600_000,
-            PLANNERS[0],
-            &pass,
-            &spindle,
-            none.0,
-            none.1,
-            none.2,
-        );
+        let outcome = undisturbed(machine, 1_600_000, PLANNERS[0], &pass, &spindle);
         let result = outcome.result.expect("a result");
         println!("{what}: {:.1} um at most", 1e3 * result.worst_mm);
         assert_eq!(result.verdict, ThreadVerdict::Done, "{what}: {result:?}");

@@ -19,18 +19,6 @@ fn random_spindle(random: &mut Random, rev_s: f64) -> Spindle {
     }
 }
 
-/// A pass without holds, stops and trouble of the spindle.
-fn undisturbed(
-    machine: Limits,
-    period_ns: u64,
-    kind: PlannerKind,
-    pass: &ThreadPass,
-    spindle: &Spindle,
-) -> Outcome {
-    let (trouble, never) = (Trouble::None, f64::INFINITY);
-    run(machine, period_ns, kind, pass, spindle, trouble, 0.0..0.0, never)
-}
-
 fn period_of(random: &mut Random) -> u64 {
     (1e9 / random.log(250.0, 10_000.0)).round() as u64
 }
