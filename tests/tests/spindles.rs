@@ -3,6 +3,7 @@
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use evolvent_tests::job_result::{DONE, FAULT};
 use evolvent_tests::{
@@ -132,6 +133,35 @@ fn a_failed_stalled_or_silent_spindle_stops_the_run() {
             verifies(&trace);
         });
     }
+}
+
+/// Bridges look for their core twice a second. This one begins after the `input_timeout_ms` of the machine.
+#[test]
+fn a_bridge_that_begins_after_m3_is_waited_for() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let machine = machine(&workshop, "late", 20.0);
+        let program = workshop.write("program.ngc", "G21 G90 G94 F1200\nM3 S1000\nG1 X5\nM5\nM2\n");
+        let launch = Launch::in_real_time(&program, &machine, &domain).no_trace();
+        let run = launch.start();
+        std::thread::sleep(Duration::from_millis(1200));
+        let _drives = Drives::start(&machine, &domain, &[]);
+        let finished = Finished::from(run.wait_with_output().expect("the run to end"));
+        finished.expect_code(&[0, 3]);
+    });
+}
+
+#[test]
+fn a_spindle_that_no_bridge_reports_stops_the_run() {
+    let (workshop, domain) = (Workshop::new(), Domain::new());
+    let machine = machine(&workshop, "alone", 20.0);
+    let program = workshop.write("program.ngc", "G21 G90 G94 F1200\nM3 S1000\nG1 X5\nM5\nM2\n");
+    let run = Launch::in_real_time(&program, &machine, &domain)
+        .no_trace()
+        .finish();
+    let summary = run.expect_code(&[1]).json();
+    assert_eq!(summary["alarm"], SPINDLE_ALARM, "{summary}");
+    assert_eq!(summary["end_position"][0], 0.0, "{summary}");
 }
 
 #[test]

@@ -21,6 +21,10 @@ pub(crate) const SAMPLES: usize = 1024;
 /// Capacity of the queue of output changes to the bus.
 pub(crate) const CHANGES: usize = 4096;
 
+/// The time that a bridge has for its first report of a spindle that should turn, ns. Bridges look for their core
+/// twice a second, and one that was started with it has just begun to.
+const FIRST_REPORT_NS: u64 = 3_000_000_000;
+
 /// The last command of programs to a spindle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Commanded {
@@ -152,8 +156,12 @@ impl SignalPort {
         let timeout_ns = (self.settings.input_timeout_s * 1e9) as u64;
         let Some(known) = self.spindles.known(now_ns, number) else {
             let since_ns = command.turns_since_ns?;
-            // A bridge that is starting is given this time.
-            return (now_ns > since_ns.saturating_add(timeout_ns)).then_some(SpindleState {
+            let permitted_ns = if self.spindles.has_reported(number) {
+                timeout_ns
+            } else {
+                timeout_ns.max(FIRST_REPORT_NS)
+            };
+            return (now_ns > since_ns.saturating_add(permitted_ns)).then_some(SpindleState {
                 command: command.number,
                 silent: true,
                 ..SpindleState::default()

@@ -48,6 +48,7 @@ pub enum SpindleFault {
 /// entry.take(&message, 6_000_000)?;
 /// assert_eq!(entry.known(6_000_000, 0).map(|known| known.speed_rpm), Some(800.0));
 /// assert_eq!(entry.known(200_000_000, 0), None, "too long ago");
+/// assert!(entry.has_reported(0));
 /// let runaway = SpindleFeedback { sequence: 2, speed_rpm: 13_000.0, ..message };
 /// assert!(matches!(entry.take(&runaway, 6_000_000), Err(SpindleFault::Overspeed { .. })));
 /// # Ok::<(), SpindleFault>(())
@@ -116,6 +117,12 @@ impl SpindleEntry {
     pub fn known(&self, now_ns: u64, spindle: u32) -> Option<SpindleFeedback> {
         let newest = (*self.newest.get(spindle as usize)?)?;
         (now_ns.saturating_sub(newest.time_ns) <= self.timeout_ns).then_some(newest)
+    }
+
+    /// Whether a spindle has been reported at all, however long ago.
+    #[must_use]
+    pub fn has_reported(&self, spindle: u32) -> bool {
+        self.newest.get(spindle as usize).is_some_and(Option::is_some)
     }
 
     fn check(&self, message: &SpindleFeedback, now_ns: u64) -> Result<(), SpindleFault> {
