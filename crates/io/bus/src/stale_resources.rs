@@ -22,7 +22,7 @@ use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
 use iceoryx2::service::service_hash::ServiceHash;
 use std::collections::BTreeSet;
-use std::fs::{File, Metadata, TryLockError, read_dir, remove_dir, remove_file};
+use std::fs::{DirEntry, File, Metadata, TryLockError, read_dir, remove_dir, remove_file};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path as StdPath, PathBuf};
 
@@ -73,8 +73,7 @@ fn clear_unborn_in(folder: &StdPath, prefix: &str) {
         let facts = file.metadata().ok()?;
         is_unborn(&facts).then(|| facts.ino())
     };
-    let mut unborn: Vec<(PathBuf, u64)> = files(folder)
-        .filter(|file| begins_with(file, prefix))
+    let mut unborn: Vec<(PathBuf, u64)> = files_of(folder, prefix)
         .filter_map(|file| {
             let number = number_of_unborn(&file)?;
             Some((file, number))
@@ -138,13 +137,12 @@ pub(crate) fn clear_dead_nodes(config: &Config) {
         if tags.iter().any(|tag| !is_half_made(tag)) {
             continue;
         }
-        for file in files(&folder).filter(|file| begins_with(file, &prefix)) {
+        for file in files_of(&folder, &prefix) {
             let _ = remove_file(file);
         }
         // The monitor comes last: without it the rest could not be found again.
         if remove_dir(&folder).is_ok() || !folder.exists() {
-            let monitor = format!("{prefix}{id}.");
-            for file in files(&nodes).filter(|file| begins_with(file, &monitor)) {
+            for file in files_of(&nodes, &format!("{prefix}{id}.")) {
                 let _ = remove_file(file);
             }
         }
@@ -173,14 +171,20 @@ pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
         CallbackProgression::Continue
     });
     let suffix = config.global.node.monitor_suffix.to_string();
-    for id in node_numbers(&nodes, &prefix, &suffix) {
+    // Listed once: all domains share the folder, and killed processes of another one may have left hundreds
+    // of files in it.
+    let (folders, monitors_of_all) = listing(&nodes);
+    for id in node_numbers(folders, &monitors_of_all, &prefix, &suffix) {
         let folder = nodes.join(&id);
         let monitor = format!("{prefix}{id}{suffix}");
-        let monitors: Vec<PathBuf> = files(&nodes).filter(|file| begins_with(file, &monitor)).collect();
+        let monitors: Vec<PathBuf> = (monitors_of_all.range(monitor.clone()..))
+            .take_while(|name| name.starts_with(&monitor))
+            .map(|name| nodes.join(name))
+            .collect();
         let content: Vec<PathBuf> = files(&folder).collect();
         let age_that_counts = match (content.is_empty(), monitors.is_empty()) {
             (false, _) if !content.iter().all(|file| begins_with(file, &prefix)) => continue,
-            (true, true) if is_monitored(&nodes, &id, &suffix) => continue,
+            (true, true) if is_monitored(&monitors_of_all, &id, &suffix) => continue,
             (true, true) => at_least.max(LEFT_AFTER),
             _ => at_least,
         };
@@ -216,30 +220,34 @@ pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
     }
 }
 
+/// Names of the folders and of the files in a folder.
+fn listing(folder: &StdPath) -> (BTreeSet<String>, BTreeSet<String>) {
+    let named = entries(folder).filter_map(|entry| Some((entry.file_name().into_string().ok()?, entry)));
+    let (folders, files): (Vec<_>, Vec<_>) =
+        named.partition(|(_, entry)| entry.file_type().is_ok_and(|kind| kind.is_dir()));
+    let names = |list: Vec<(String, DirEntry)>| list.into_iter().map(|(name, _)| name).collect();
+    (names(folders), names(files))
+}
+
 /// Numbers of nodes that have a folder, or a monitor with this prefix.
-fn node_numbers(nodes: &StdPath, prefix: &str, suffix: &str) -> BTreeSet<String> {
-    read_dir(nodes)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .filter_map(|entry| {
-            let name = entry.file_name().to_str()?.to_owned();
-            if entry.path().is_dir() {
-                return Some(name);
-            }
-            let (id, _) = name.strip_prefix(prefix)?.split_once(suffix)?;
-            (!id.is_empty() && id.bytes().all(|byte| byte.is_ascii_digit())).then(|| id.to_owned())
-        })
-        .collect()
+fn node_numbers(
+    folders: BTreeSet<String>,
+    monitors: &BTreeSet<String>,
+    prefix: &str,
+    suffix: &str,
+) -> BTreeSet<String> {
+    let mut numbers = folders;
+    numbers.extend(monitors.iter().filter_map(|name| {
+        let (id, _) = name.strip_prefix(prefix)?.split_once(suffix)?;
+        (!id.is_empty() && id.bytes().all(|byte| byte.is_ascii_digit())).then(|| id.to_owned())
+    }));
+    numbers
 }
 
 /// Whether any domain has a monitor of this node.
-fn is_monitored(nodes: &StdPath, id: &str, suffix: &str) -> bool {
+fn is_monitored(monitors: &BTreeSet<String>, id: &str, suffix: &str) -> bool {
     let monitor = format!("{id}{suffix}");
-    files(nodes).any(|file| {
-        file.file_name()
-            .is_some_and(|name| name.to_string_lossy().contains(&monitor))
-    })
+    monitors.iter().any(|name| name.contains(&monitor))
 }
 
 fn is_tag(file: &StdPath, config: &Config) -> bool {
@@ -267,12 +275,19 @@ fn begins_with(file: &StdPath, prefix: &str) -> bool {
 }
 
 fn files(folder: &StdPath) -> impl Iterator<Item = PathBuf> {
-    read_dir(folder)
-        .into_iter()
-        .flatten()
-        .flatten()
+    files_of(folder, "")
+}
+
+/// Files whose names begin with a prefix. Their type is known from the listing: no file is looked at.
+fn files_of(folder: &StdPath, prefix: &str) -> impl Iterator<Item = PathBuf> {
+    entries(folder)
+        .filter(move |entry| entry.file_name().to_string_lossy().starts_with(prefix))
+        .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_file()))
         .map(|entry| entry.path())
-        .filter(|path| path.is_file())
+}
+
+fn entries(folder: &StdPath) -> impl Iterator<Item = DirEntry> {
+    read_dir(folder).into_iter().flatten().flatten()
 }
 
 fn path(path: &Path) -> PathBuf {
