@@ -31,6 +31,9 @@ use std::time::{Duration, Instant};
 /// suspended for ten periods of 1 ms brakes by itself.
 const PAUSE: Duration = Duration::from_micros(7500);
 const ATTEMPTS: u32 = 5;
+/// A host that stands still for this long in every attempt does not let a trial be measured: it is the shortest
+/// time after which the core takes inputs, drives or operators for lost, if a machine file does not say otherwise.
+const STANDSTILL: Duration = Duration::from_millis(100);
 /// Attempts of [`where_undisturbed`]. On a host that is never quiet for the length of a trial, every attempt
 /// would fail.
 const QUIET_ATTEMPTS: u32 = 3;
@@ -46,13 +49,21 @@ pub fn report_pause(pause_ns: u64) {
 
 /// Runs a trial, at most five times: it is repeated if it fails while the host kept this process, the core or
 /// the drives from running. A failure without such a pause counts at once, and broken code fails every time.
+/// If the host stood still for 100 ms in each of five attempts, it prints "not measured" before it panics:
+/// `tools/test` does not count that as a failure of a test that it runs alone.
 ///
 /// # Panics
 /// If the last attempt panics.
 pub fn unless_disturbed<T>(trial: impl Fn() -> T) -> T {
     match play(PAUSE, ATTEMPTS, trial) {
         Played::Passed(result) => result,
-        Played::Failed(panic) | Played::Disturbed(panic) => resume_unwind(panic),
+        Played::Failed(panic) => resume_unwind(panic),
+        Played::Disturbed { panic, shortest } => {
+            if shortest >= STANDSTILL {
+                println!("{}", not_measured(shortest));
+            }
+            resume_unwind(panic)
+        }
     }
 }
 
@@ -66,23 +77,31 @@ pub fn where_undisturbed<T>(pause: Duration, trial: impl Fn() -> T) -> Option<T>
     match play(pause, QUIET_ATTEMPTS, trial) {
         Played::Passed(result) => Some(result),
         Played::Failed(panic) => resume_unwind(panic),
-        Played::Disturbed(_) => {
-            println!("not measured: this host kept the test from running for more than {pause:?} each time");
+        Played::Disturbed { shortest, .. } => {
+            println!("{}", not_measured(shortest));
             None
         }
     }
+}
+
+/// `tools/test` looks for these words at the beginning of a line.
+fn not_measured(shortest: Duration) -> String {
+    format!("not measured: this host kept the test from running for {shortest:?} or more in every attempt")
 }
 
 /// Result of the attempts, with the panic of the last one.
 enum Played<T> {
     Passed(T),
     Failed(Box<dyn Any + Send>),
-    /// Every attempt failed while the host kept it from running.
-    Disturbed(Box<dyn Any + Send>),
+    /// Every attempt failed while the host kept it from running, for at least `shortest`.
+    Disturbed {
+        panic: Box<dyn Any + Send>,
+        shortest: Duration,
+    },
 }
 
 fn play<T>(longest: Duration, attempts: u32, trial: impl Fn() -> T) -> Played<T> {
-    let mut attempt = 1;
+    let (mut attempt, mut shortest) = (1, Duration::MAX);
     loop {
         REPORTED_NS.with(|reported| reported.set(0));
         let (result, own) = watched(|| catch_unwind(AssertUnwindSafe(&trial)));
@@ -94,8 +113,9 @@ fn play<T>(longest: Duration, attempts: u32, trial: impl Fn() -> T) -> Played<T>
         if pause < longest {
             return Played::Failed(panic);
         }
+        shortest = shortest.min(pause);
         if attempt == attempts {
-            return Played::Disturbed(panic);
+            return Played::Disturbed { panic, shortest };
         }
         println!("attempt {attempt} was kept from running for {pause:?}: once more");
         attempt += 1;
