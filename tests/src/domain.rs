@@ -1,6 +1,6 @@
 //! A separate domain of shared memory.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -12,6 +12,9 @@ use crate::served::PATIENCE;
 
 /// Time limit for the end of processes that no test waits for, on a busy host too.
 const ENDING: Duration = Duration::from_secs(20);
+
+/// A test whose process this computer does not show may run in a container beside this one.
+const OLD: Duration = Duration::from_secs(60);
 
 /// A unique iceoryx2 prefix. On drop its files are removed, and it is checked that none remains.
 #[derive(Debug)]
@@ -56,7 +59,7 @@ impl Domain {
 }
 
 /// Files and folders of the bus whose names meet a condition.
-fn files_where(prefix: &str, is_meant: impl Fn(&str) -> bool) -> Vec<PathBuf> {
+fn files_where(prefix: &str, matches: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let ours = bus_folders(Some(prefix)).expect("the bus's folders");
     let mut folders = vec![PathBuf::from("/dev/shm")];
@@ -68,7 +71,7 @@ fn files_where(prefix: &str, is_meant: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     );
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-            if is_meant(&entry.file_name().to_string_lossy()) {
+            if matches(&entry.file_name().to_string_lossy()) {
                 found.push(entry.path());
             } else if entry.path().is_dir() {
                 folders.push(entry.path());
@@ -78,21 +81,39 @@ fn files_where(prefix: &str, is_meant: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     found
 }
 
-/// Tests that were killed could not do so themselves, and whatever joins a bus looks through the files of all.
+/// Removes the domains of test processes that were killed: a process that joins a bus examines the nodes of
+/// every domain.
 fn remove_domains_of_killed_tests() {
-    let of_killed = |name: &str| {
-        let (process, rest) = name.strip_prefix("evts")?.split_once('-')?;
-        let (number, _) = rest.split_once('-')?;
-        let is_gone = process.parse::<u32>().is_ok() && !Path::new("/proc").join(process).exists();
-        is_gone.then(|| format!("evts{process}-{number}-"))
+    let Ok(folders) = bus_folders(Some("evts")) else {
+        return;
     };
-    let prefixes: BTreeSet<String> = files_where("evts", |name| of_killed(name).is_some())
-        .iter()
-        .filter_map(|path| of_killed(&path.file_name()?.to_string_lossy()))
+    // iceoryx2's prefix ends with a name of the folder. Files of other users and of lost folders stay.
+    let ends: Vec<&str> = (folders.iter())
+        .filter_map(|(_, prefix)| prefix.strip_prefix("evts"))
         .collect();
-    for prefix in prefixes {
+    let prefix_of_killed_test = |name: &str| {
+        let (process, rest) = name.strip_prefix("evts")?.split_once('-')?;
+        let (number, rest) = rest.split_once('-')?;
+        let is_gone = process.parse::<u32>().is_ok() && !Path::new("/proc").join(process).exists();
+        (is_gone && ends.iter().any(|end| rest.starts_with(end))).then(|| format!("evts{process}-{number}-"))
+    };
+    let is_old = |path: &Path| {
+        let modified = path.symlink_metadata().and_then(|facts| facts.modified());
+        modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > OLD))
+    };
+    let mut prefixes: BTreeMap<String, bool> = BTreeMap::new();
+    for path in files_where("evts", |name| prefix_of_killed_test(name).is_some()) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if let Some(prefix) = prefix_of_killed_test(&name) {
+            *prefixes.entry(prefix).or_insert(true) &= is_old(&path);
+        }
+    }
+    for prefix in prefixes
+        .iter()
+        .filter_map(|(prefix, is_old)| is_old.then_some(prefix))
+    {
         // Another process of tests may be removing it too.
-        let _removed = remove_private_domain(&prefix);
+        let _removed = remove_private_domain(prefix);
     }
 }
 

@@ -31,8 +31,8 @@ use std::time::{Duration, Instant};
 /// suspended for ten periods of 1 ms brakes by itself.
 const PAUSE: Duration = Duration::from_micros(7500);
 const ATTEMPTS: u32 = 5;
-/// A host that stands still for this long in every attempt does not let a trial be measured: it is the shortest
-/// time after which the core takes inputs, drives or operators for lost, if a machine file does not say otherwise.
+/// If the host suspends the test for this long in every attempt, the trial is not measured. In this time a jog
+/// has to stop whose operator is lost, and inputs become unknown.
 const STANDSTILL: Duration = Duration::from_millis(100);
 /// Attempts of [`where_undisturbed`]. On a host that is never quiet for the length of a trial, every attempt
 /// would fail.
@@ -49,8 +49,9 @@ pub fn report_pause(pause_ns: u64) {
 
 /// Runs a trial, at most five times: it is repeated if it fails while the host kept this process, the core or
 /// the drives from running. A failure without such a pause counts at once, and broken code fails every time.
-/// If the host stood still for 100 ms in each of five attempts, it prints "not measured" before it panics:
-/// `tools/test` does not count that as a failure of a test that it runs alone.
+/// If the host stood still for 100 ms in each of five attempts, it prints that and panics; where it is the last
+/// line of a test that `tools/test` runs alone, that does not count as a failure. Reported pauses do not lead
+/// to it, since the code under test may have caused them.
 ///
 /// # Panics
 /// If the last attempt panics.
@@ -60,7 +61,8 @@ pub fn unless_disturbed<T>(trial: impl Fn() -> T) -> T {
         Played::Failed(panic) => resume_unwind(panic),
         Played::Disturbed { panic, shortest } => {
             if shortest >= STANDSTILL {
-                println!("{}", not_measured(shortest));
+                // `tools/test` looks for this line.
+                println!("the host stood still in every attempt, for {shortest:?} at least");
             }
             resume_unwind(panic)
         }
@@ -77,23 +79,19 @@ pub fn where_undisturbed<T>(pause: Duration, trial: impl Fn() -> T) -> Option<T>
     match play(pause, QUIET_ATTEMPTS, trial) {
         Played::Passed(result) => Some(result),
         Played::Failed(panic) => resume_unwind(panic),
-        Played::Disturbed { shortest, .. } => {
-            println!("{}", not_measured(shortest));
+        Played::Disturbed { .. } => {
+            println!("not measured: this host kept the test from running for more than {pause:?} each time");
             None
         }
     }
-}
-
-/// `tools/test` looks for these words at the beginning of a line.
-fn not_measured(shortest: Duration) -> String {
-    format!("not measured: this host kept the test from running for {shortest:?} or more in every attempt")
 }
 
 /// Result of the attempts, with the panic of the last one.
 enum Played<T> {
     Passed(T),
     Failed(Box<dyn Any + Send>),
-    /// Every attempt failed while the host kept it from running, for at least `shortest`.
+    /// Every attempt failed while the host kept it from running. `shortest`: of the longest pauses of this
+    /// process in each.
     Disturbed {
         panic: Box<dyn Any + Send>,
         shortest: Duration,
@@ -113,7 +111,7 @@ fn play<T>(longest: Duration, attempts: u32, trial: impl Fn() -> T) -> Played<T>
         if pause < longest {
             return Played::Failed(panic);
         }
-        shortest = shortest.min(pause);
+        shortest = shortest.min(own);
         if attempt == attempts {
             return Played::Disturbed { panic, shortest };
         }
@@ -193,6 +191,15 @@ mod tests {
         assert_eq!(where_undisturbed(pause, trial(11_000_000_000)), None);
         let quiet = catch_unwind(|| where_undisturbed(pause, trial(2)));
         assert!(quiet.is_err(), "broken");
+    }
+
+    #[test]
+    fn reported_pauses_are_no_standstill() {
+        let played = play(PAUSE, 2, || {
+            report_pause(1_000_000_000);
+            assert_eq!(1, 2, "broken");
+        });
+        assert!(matches!(played, Played::Disturbed { shortest, .. } if shortest < Duration::from_secs(1)));
     }
 
     #[test]
