@@ -173,18 +173,18 @@ pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
     let suffix = config.global.node.monitor_suffix.to_string();
     // Listed once: all domains share the folder, and killed processes of another one may have left hundreds
     // of files in it.
-    let (folders, monitors_of_all) = listing(&nodes);
-    for id in node_numbers(folders, &monitors_of_all, &prefix, &suffix) {
+    let (folders, all_monitors) = listing(&nodes);
+    for id in node_numbers(folders, &all_monitors, &prefix, &suffix) {
         let folder = nodes.join(&id);
         let monitor = format!("{prefix}{id}{suffix}");
-        let monitors: Vec<PathBuf> = (monitors_of_all.range(monitor.clone()..))
+        let monitors: Vec<PathBuf> = (all_monitors.range(monitor.clone()..))
             .take_while(|name| name.starts_with(&monitor))
             .map(|name| nodes.join(name))
             .collect();
         let content: Vec<PathBuf> = files(&folder).collect();
         let age_that_counts = match (content.is_empty(), monitors.is_empty()) {
             (false, _) if !content.iter().all(|file| begins_with(file, &prefix)) => continue,
-            (true, true) if is_monitored(&monitors_of_all, &id, &suffix) => continue,
+            (true, true) if is_monitored(&all_monitors, &id, &suffix) => continue,
             (true, true) => at_least.max(LEFT_AFTER),
             _ => at_least,
         };
@@ -278,7 +278,7 @@ fn files(folder: &StdPath) -> impl Iterator<Item = PathBuf> {
     files_of(folder, "")
 }
 
-/// Files whose names begin with a prefix. Their type is known from the listing: no file is looked at.
+/// Files whose names begin with a prefix. The listing tells their type, without a `stat` per file.
 fn files_of(folder: &StdPath, prefix: &str) -> impl Iterator<Item = PathBuf> {
     entries(folder)
         .filter(move |entry| entry.file_name().to_string_lossy().starts_with(prefix))
