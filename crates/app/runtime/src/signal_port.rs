@@ -21,8 +21,8 @@ pub(crate) const SAMPLES: usize = 1024;
 /// Capacity of the queue of output changes to the bus.
 pub(crate) const CHANGES: usize = 4096;
 
-/// The time that a bridge has for its first report of a spindle that should turn, ns. Bridges look for their core
-/// twice a second, and one that was started with it has just begun to.
+/// Maximum time from the command to the first report of a spindle, ns: 1 s in which a bridge notices that the
+/// core before this one has ended, 1 s in which systemd restarts it, and 1 s in which it joins.
 const FIRST_REPORT_NS: u64 = 3_000_000_000;
 
 /// The last command of programs to a spindle.
@@ -145,7 +145,8 @@ impl SignalPort {
     /// The state of a spindle relative to its last command.
     fn spindle_state(&self, number: u32, now_ns: u64) -> Option<SpindleState> {
         let command = self.commanded.get(number as usize).copied().unwrap_or_default();
-        if !self.settings.spindle(number)?.has_feedback() {
+        let spindle = self.settings.spindle(number)?;
+        if !spindle.has_feedback() {
             // The spindle follows the ramp of its command.
             return Some(SpindleState {
                 command: command.number,
@@ -159,7 +160,9 @@ impl SignalPort {
             let permitted_ns = if self.spindles.has_reported(number) {
                 timeout_ns
             } else {
-                timeout_ns.max(FIRST_REPORT_NS)
+                // The missing report, not the speed that was not reached, is to end the program.
+                let half_wait_ns = (spindle.at_speed_timeout_s * 0.5e9) as u64;
+                timeout_ns.max(FIRST_REPORT_NS.min(half_wait_ns))
             };
             return (now_ns > since_ns.saturating_add(permitted_ns)).then_some(SpindleState {
                 command: command.number,
@@ -409,8 +412,13 @@ impl SignalPort {
     /// Notes a command of the program to a spindle.
     fn note_command(&mut self, number: usize, due_time_ns: u64) {
         let commanded = &mut self.commanded[number];
+        let is_new = commanded.number != self.periphery.spindle_commands[number];
         commanded.number = self.periphery.spindle_commands[number];
-        commanded.turns_since_ns = self.periphery.drives_spindle(number).then_some(due_time_ns);
+        let since_ns = commanded
+            .turns_since_ns
+            .filter(|_| !is_new)
+            .unwrap_or(due_time_ns);
+        commanded.turns_since_ns = self.periphery.drives_spindle(number).then_some(since_ns);
         if commanded.sequence == 0 {
             commanded.sequence = self.message.sequence + 1;
         }

@@ -132,8 +132,8 @@ alarms! {
     /// The emergency-stop chain is open or unknown.
     EmergencyStopChain = 430, Fault, "the emergency-stop chain is open or unknown; close it, check that its \
                                       bridge runs, then reset";
-    /// A spindle's drive is in fault, or its feedback has stopped.
-    Spindle = 440, Fault, "a spindle is in fault, or its feedback has stopped; check its drive and its \
+    /// A spindle's drive is in fault, or its feedback is missing.
+    Spindle = 440, Fault, "a spindle is in fault, or its feedback is missing; check its drive and its \
                            bridge, then start again";
     /// The cutting load was above its limit.
     CuttingLoad = 500, Fault, "the cutting load was too high; check tool and stock, then start again";

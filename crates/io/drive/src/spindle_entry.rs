@@ -119,7 +119,7 @@ impl SpindleEntry {
         (now_ns.saturating_sub(newest.time_ns) <= self.timeout_ns).then_some(newest)
     }
 
-    /// Whether a spindle has been reported at all, however long ago.
+    /// Whether a report of this spindle has been accepted, whatever its age.
     #[must_use]
     pub fn has_reported(&self, spindle: u32) -> bool {
         self.newest.get(spindle as usize).is_some_and(Option::is_some)

@@ -473,7 +473,7 @@ export const en = {
     422: ['the index pulse of an encoder was not found', 'Check its wiring and the bridge.'],
     423: ['an encoder does not know machine zero', 'Check its battery and its drive.'],
     430: ['the emergency-stop chain is open or unknown', 'Close it, check that its bridge runs, then reset.'],
-    440: ['a spindle is in fault, or its feedback has stopped', 'Check its drive and its bridge, then start again.'],
+    440: ['a spindle is in fault, or its feedback is missing', 'Check its drive and its bridge, then start again.'],
     500: ['the cutting load was too high', 'Check tool and stock, then start again.'],
     501: ['the readings of the load sensor are missing or not plausible', 'Check the sensor and its cable, then start again.'],
     600: ['offsets, tools or parameters cannot be saved', 'Check the state folder and its disk.'],
