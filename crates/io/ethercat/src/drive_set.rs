@@ -46,6 +46,8 @@ pub(crate) struct DriveSet {
     ending: bool,
     /// Order of the axes that home now; `None` if all have homed.
     homing: Option<u32>,
+    /// Drives have found their zero: the core must read the new positions without power before it follows.
+    has_new_positions: bool,
     gantries: Vec<GantryPair>,
     /// Twice the maximum velocity of each axis.
     max_velocity: [f64; AXES],
@@ -150,6 +152,7 @@ impl DriveSet {
             group_stop: false,
             ending: false,
             homing: None,
+            has_new_positions: false,
             touches: Touches::default(),
             target: None,
             power: PowerRequest::Off,
@@ -240,7 +243,9 @@ impl DriveSet {
             .iter()
             .filter(|axis| axis.homing() != HomingProgress::Done);
         self.homing = pending.map(DriveAxis::homing_order).min();
+        self.has_new_positions |= homed.is_some() && self.homing.is_none();
         let enabled = self.homing.is_none()
+            && !self.has_new_positions
             && self
                 .axes
                 .iter()
@@ -266,13 +271,12 @@ impl DriveSet {
         };
         if target.power == PowerRequest::Off && !target.is_silent {
             self.group_stop = false;
+            self.has_new_positions = false;
         } else if self.was_enabled && !enabled
             || self.homing.is_some() && self.axes.iter().any(fails)
-            || homed.is_some() && self.homing.is_none()
+            || self.has_new_positions
             || self.gantries.iter().any(|pair| pair.fault().is_some())
         {
-            // After drives have found their zero, the core must read the new positions without power before
-            // it follows.
             self.group_stop = true;
         }
         self.was_enabled = enabled;
@@ -384,9 +388,8 @@ impl DriveSet {
             if drive.torque_ratio().abs() >= feedback.torque_ratio[axis].abs() {
                 feedback.torque_ratio[axis] = drive.torque_ratio();
             }
-            let homes = self.homing.is_some() && drive.state() == Some(DriveState::OperationEnabled);
-            let word = if homes {
-                // The core may not move it yet.
+            let may_move = self.homing.is_none() && !self.has_new_positions;
+            let word = if !may_move && drive.state() == Some(DriveState::OperationEnabled) {
                 DriveState::SwitchedOn.code()
             } else {
                 drive.status_word()

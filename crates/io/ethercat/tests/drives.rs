@@ -171,12 +171,12 @@ fn drives_home_in_order_when_power_is_requested() {
                     // Not in operation until power was off, so that the core accepts the new positions first.
                     for _ in 0..200 {
                         core.cycle();
+                        assert!(core.newest.is_some_and(|(_, feedback)| {
+                            states(&feedback)
+                                .iter()
+                                .all(|state| *state != Some(DriveState::OperationEnabled))
+                        }));
                     }
-                    assert!(core.newest.is_some_and(|(_, feedback)| {
-                        states(&feedback)
-                            .iter()
-                            .all(|state| *state != Some(DriveState::OperationEnabled))
-                    }));
                     let here = core.bring_up();
                     assert_eq!(here.absolute_mask, 0b011);
                     // 5 mm a turn; the motor of Y turns against its axis. Switches close at load turns -3 and
