@@ -339,4 +339,33 @@ mod tests {
         clear_unborn_in(folder.path(), "p-");
         assert!(left.iter().all(|file| !file.exists()));
     }
+
+    /// Domains share the folder of nodes: an empty one there may belong to any.
+    #[test]
+    fn remains_of_nodes_go_and_those_of_other_domains_stay() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = crate::folder::BusFolder {
+            path: root.path().to_path_buf(),
+            prefix: "p-".to_owned(),
+        };
+        let config = crate::domain::configuration(&folder).unwrap();
+        let nodes = path(&config.global.node_dir());
+        let hour_ago = SystemTime::now() - Duration::from_secs(3600);
+        let old_folder = |id: &str| {
+            let folder = nodes.join(id);
+            std::fs::create_dir_all(&folder).unwrap();
+            let opened = File::open(&folder).unwrap();
+            opened.set_modified(hour_ago).unwrap();
+            folder
+        };
+        let [unmonitored, monitored_by_other, incomplete] = ["11", "22", "33"].map(old_folder);
+        let [of_other, without_folder, with_folder] =
+            ["q-22.node_monitor", "p-44.node_monitor", "p-33.node_monitor"].map(|name| begun(&nodes, name));
+        let young = nodes.join("55");
+        std::fs::create_dir(&young).unwrap();
+        clear_unborn_nodes(&config, LEFT_AFTER);
+        assert!(!unmonitored.exists() && !without_folder.exists());
+        assert!(!incomplete.exists() && !with_folder.exists());
+        assert!(monitored_by_other.exists() && of_other.exists() && young.exists());
+    }
 }
