@@ -135,6 +135,21 @@ fn a_failed_stalled_or_silent_spindle_stops_the_run() {
     }
 }
 
+/// The longer time is for the first report only: M3 comes at 2 s, the last report at 3 s, the alarm 0.5 s later.
+#[test]
+fn a_spindle_that_has_been_reported_is_silent_at_once() {
+    unless_disturbed(|| {
+        let workshop = Workshop::new();
+        let program = "G21 G90 G94 F600\nG4 P2\nM3 S100\nG4 P9\nM2\n";
+        let (finished, trace) = drive(&workshop, program, 20.0, &["--fault", "spindle-silent@3"]);
+        let summary = finished.expect_code(&[1]).json();
+        assert_eq!(summary["alarm"], SPINDLE_ALARM, "{summary}");
+        let took_s = summary["duration_s"].as_f64().expect("a duration");
+        assert!((2.5..4.5).contains(&took_s), "{took_s} s, {summary}");
+        verifies(&trace);
+    });
+}
+
 /// The bridge begins when the `input_timeout_ms` of the machine has passed.
 #[test]
 fn a_bridge_that_begins_after_m3_is_waited_for() {
