@@ -81,28 +81,31 @@ fn files_where(prefix: &str, matches: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     found
 }
 
-/// Removes the domains of test processes that were killed: a process that joins a bus examines the nodes of
-/// every domain.
+/// Removes the domains of test processes that were killed, and those of their `evolvent bridge test`: a process
+/// that joins a bus examines the nodes of every domain.
 fn remove_domains_of_killed_tests() {
-    let Ok(folders) = bus_folders(Some("evts")) else {
+    // iceoryx2's prefix ends with a name of the folder. Files of other users and of lost folders stay.
+    let Ok(folders) = bus_folders(Some("-")) else {
         return;
     };
-    // iceoryx2's prefix ends with a name of the folder. Files of other users and of lost folders stay.
-    let ends: Vec<&str> = (folders.iter())
-        .filter_map(|(_, prefix)| prefix.strip_prefix("evts"))
-        .collect();
+    let ends: Vec<&str> = folders.iter().map(|(_, prefix)| &prefix[1..]).collect();
     let prefix_of_killed_test = |name: &str| {
-        let (process, rest) = name.strip_prefix("evts")?.split_once('-')?;
-        let (number, rest) = rest.split_once('-')?;
+        let end = ends.iter().find_map(|end| name.find(end))?;
+        let prefix = &name[..end];
+        // `evtsPROCESS-NUMBER-` or `btPROCESS_`
+        let process = match prefix.strip_prefix("evts") {
+            Some(rest) => rest.split_once('-')?.0,
+            None => prefix.strip_prefix("bt")?.strip_suffix('_')?,
+        };
         let is_gone = process.parse::<u32>().is_ok() && !Path::new("/proc").join(process).exists();
-        (is_gone && ends.iter().any(|end| rest.starts_with(end))).then(|| format!("evts{process}-{number}-"))
+        is_gone.then(|| prefix.to_owned())
     };
     let is_old = |path: &Path| {
         let modified = path.symlink_metadata().and_then(|facts| facts.modified());
         modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > OLD))
     };
     let mut prefixes: BTreeMap<String, bool> = BTreeMap::new();
-    for path in files_where("evts", |name| prefix_of_killed_test(name).is_some()) {
+    for path in files_where("-", |name| prefix_of_killed_test(name).is_some()) {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         if let Some(prefix) = prefix_of_killed_test(&name) {
             *prefixes.entry(prefix).or_insert(true) &= is_old(&path);
